@@ -43,18 +43,19 @@ def open_bench(
     seed: int | None = None,
     effects: Mapping[str, str] | None = None,
 ) -> "Bench":
-    """Return a connected bench on ``rig``, not yet armed: the path of a rig file, or a name of `astb list rigs`.
+    """Return a connected bench on ``rig``, not yet armed. ``rig`` is the path of a rig file, or a name of `astb list
+    rigs`.
 
-    ``virtual`` is a simulated rig in virtual time and in this process; ``virtual=True`` turns any simulated rig into
-    one. A simulated rig in real time that does not answer is started, and stopped with the bench. ``seed`` determines
-    the sensors of a simulated rig and their noise. ``effects`` adds effects, by name with amplitude and unit, as
-    `astb list effects` lists them: ``{"leak.left": "0.2 mm2"}``.
+    The rig ``virtual`` is simulated in virtual time and in this process; ``virtual=True`` does the same with any
+    simulated rig. If a simulated rig in real time does not answer, it is started, and stopped with the bench. ``seed``
+    determines the sensors of a simulated rig and their noise. ``effects`` adds effects by name, with amplitude and
+    unit, as `astb list effects` shows them: ``{"leak.left": "0.2 mm2"}``.
 
-    Use it with ``with``, or call ``close``; the end of the interpreter closes it in any case. Closing disarms the
-    bench; the rig then holds until it has vented the springs.
+    Use the bench with ``with``, or call ``close``; the end of the interpreter closes it in any case. Closing disarms
+    the bench; the rig then holds its position until the springs are vented.
 
-    RigFileError for a wrong rig file, and for effects of a real rig; ParameterError for an unknown effect;
-    LinkLost, MapMismatch or NotCommander for a rig that cannot be commanded.
+    Raises RigFileError for an invalid rig file or for effects of a real rig, ParameterError for an unknown effect, and
+    LinkLost, MapMismatch or NotCommander if the bench cannot command the rig.
     """
     file, path = find_rig(rig)
     if effects:
@@ -83,16 +84,18 @@ def run_plan(
     answers: "Operator | Mapping[str, Reply] | None" = None,
     suspension: "Suspension | None" = None,
 ) -> "tuple[Result, Path]":
-    """Run a plan, by its name or itself, on a bench or a rig as `open_bench` knows it; return result and record.
+    """Run a plan, given by name or as an object, and return its result and the directory of its record.
 
-    ``answers`` are answers to the questions of the plan: by the text of the question or its deed, with ``*`` for
-    anything, or an operator. With ``suspension`` another thread can hold the run and continue it.
+    ``on`` is an open bench, or a rig as for `open_bench`. ``answers`` are the answers to the questions of the plan: an
+    operator, or texts by question or deed (``*`` for all others). With ``suspension`` another thread can hold the run
+    and continue it.
 
-    The record is a new directory in ``out``, with a report unless that is switched off. Existing files are not changed.
-    An interrupt, as in a notebook, raises KeyboardInterrupt when the rig is at rest and the record is complete.
+    The record is a new directory in ``out``, with a report unless ``report`` is False. Existing files are not changed.
+    After an interrupt, as in a notebook, the rig comes to rest, the record is completed, and KeyboardInterrupt is
+    raised.
 
-    PlanError for an unknown plan, and the errors of `open_bench`. A failure of the rig raises nothing: the verdict is
-    *blocked*, and the reason states the cause.
+    Raises PlanError for an unknown plan, and the errors of `open_bench`. A failure of the rig raises nothing: the
+    verdict is *blocked*, and the reason states the cause.
     """
     operator = Script(answers) if isinstance(answers, Mapping) else answers
     chosen = find_plan(plan)
@@ -134,10 +137,10 @@ def diagnose_record(
 ) -> "Finding":
     """Diagnose ``records``, directories of runs on the bench: find the errors of a ``model`` and their causes.
 
-    ``effects`` are the candidates, by name, and without a place for all places; the default is the whole catalogue,
-    which takes minutes. ``out`` is a directory for the finding, its report and the extended model.
+    ``effects`` are the names of the candidates; a name without a place stands for all places. The default is the whole
+    catalogue, which takes minutes. ``out`` is a directory for the finding, its report and the extended model.
 
-    DiagnosisError, RecordError or ParameterError; they name the file, the value and the correct form.
+    Raises DiagnosisError, RecordError or ParameterError; the text names the file, the value and the correct form.
     """
     from astb.diagnose import chosen_effects, clear_results, conclude, read_data
     from diagnosis.engine.config import Config
@@ -164,7 +167,7 @@ def _with_effects(file: RigFile, effects: Mapping[str, str]) -> RigFile:
 def find_plan(plan: "str | Plan") -> "Plan":
     """Return a plan: by its name, from a Python file that declares one, or a plan object unchanged.
 
-    PlanError, with similar names, if the name is unknown, or if the file does not declare exactly one.
+    Raises PlanError, with similar names, if the name is unknown, or if the file does not declare exactly one plan.
     """
     if not isinstance(plan, str):
         return plan

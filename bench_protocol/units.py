@@ -1,4 +1,4 @@
-"""The units that people type and read: ``5 * bar`` goes in, ``p / bar`` comes out; `UNITS` has them by name."""
+"""Units for input and display: ``5 * bar`` is SI, ``p / bar`` a number of bar. `UNITS` holds them by name."""
 
 from math import pi
 from typing import Final, NamedTuple
@@ -38,7 +38,7 @@ NS: Final = 1_000_000_000
 
 
 class Unit(NamedTuple):
-    """A unit that people write: SI = ``factor`` · number + ``zero``."""
+    """A unit for input and display: SI = ``factor`` · number + ``zero``."""
 
     si: str  #: the SI unit of the same quantity, in base units
     factor: float
@@ -142,5 +142,5 @@ FACTORS: Final = {name: unit.factor for name, unit in UNITS.items() if unit.zero
 
 
 def in_unit(value: float, unit: str) -> float:
-    """Return an SI ``value`` as a number of ``unit``; KeyError for a unit that no one declared."""
+    """Return an SI ``value`` as a number of ``unit``; KeyError for an undeclared unit."""
     return value / FACTORS[unit]

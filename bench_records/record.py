@@ -39,7 +39,7 @@ ROW_LIMIT = 20_000_000
 
 
 class Record:
-    """One run, as it was received.  All times are in seconds since the record's start."""
+    """One run, as received. All times are in seconds since the record's start."""
 
     def __init__(
         self,
@@ -61,7 +61,7 @@ class Record:
 
     @cached_property
     def duration(self) -> float:
-        """Seconds from the start to the last sample or event."""
+        """The time from the start to the last sample or event (s)."""
         instants = [self.start_ns, *(event.time_ns for event in self.events)]
         if len(self):
             instants.append(int(as_array(self._table.column("time_ns")).max()))
@@ -73,13 +73,14 @@ class Record:
         return phases_of(self.events, self.start_ns, self.start_ns + round(self.duration * SECOND))
 
     def time_of(self, event: RecordedEvent) -> float:
-        """When an event happened, in seconds since the start."""
+        """Return the time of an event in seconds since the start."""
         return (event.time_ns - self.start_ns) / SECOND
 
     def series(self, name: str) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """All samples of one signal: times (n,) in seconds, values (n,) in SI, in order of time; not to be written to.
+        """Return all samples of one signal, sorted by time: times (n,) in s and values (n,) in SI. Both arrays are
+        read-only.
 
-        A signal that never arrived gives two empty arrays.  Raises ``RecordError`` for an unknown name.
+        Two empty arrays if the signal was never received. Raises ``RecordError`` for an unknown name.
         """
         import numpy as np
 
@@ -88,10 +89,10 @@ class Record:
         return self._series.get(name, (np.empty(0), np.empty(0)))
 
     def frame(self, names: Sequence[str], rate: float, gap: float = 1.0) -> pd.DataFrame:
-        """Signals side by side at one ``rate`` in Hz: index ``time_s``, one column in SI for each name.
+        """Return signals sampled at one ``rate`` in Hz: index ``time_s``, one column in SI for each name.
 
-        Between samples the line is straight; signals with named values keep the last one.  A stretch without a
-        sample for more than ``gap`` seconds is NaN, as is everything before the first sample and after the last.
+        Values between samples are interpolated linearly; signals with named values keep the last one. Values are NaN in
+        gaps of more than ``gap`` seconds, before the first sample and after the last.
         """
         import numpy as np
         import pandas as pd
@@ -111,7 +112,7 @@ class Record:
 
     @cached_property
     def _series(self) -> dict[str, tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]]:
-        """The samples of each signal in order of time: one stable sort of all instead of a search per signal."""
+        """The samples of each signal, sorted by time. One stable sort of all samples replaces a search per signal."""
         import numpy as np
 
         if not len(self):
@@ -137,9 +138,9 @@ class Record:
 
 
 def read(directory: Path | str) -> Record:
-    """Open the record in a directory, also that of a killed run, whose meta data have the entry ``recovered``.
+    """Return the record in a directory. A record of a killed run has the entry ``recovered`` in its meta data.
 
-    Raises ``RecordError`` if there is no record, if the run is still running, or if the format is another.
+    Raises ``RecordError`` if there is no record, if the run has not ended, or if the format is not supported.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq

@@ -1,1 +1,3 @@
-"""What measured data say of a simulation: where it is wrong, which cause explains it, and what adding it gains."""
+"""Comparison of measured data with a simulation: its errors, the causes that explain them, and the gain by adding
+them.
+"""

@@ -1,4 +1,5 @@
-"""What the diagnosis asks of a simulator, of its effects and of its data; it knows nothing else of any of them.
+"""The interface of the diagnosis: simulators, their effects, and the measured data. The engine uses nothing else of
+them.
 
 Shapes: n samples, c channels, p parameters. All values are SI. Times are seconds from the start of a run.
 """
@@ -21,7 +22,7 @@ ROLES: Final[tuple[Role, ...]] = ("fit", "select", "report")
 
 
 class DiagnosisError(ValueError):
-    """Data, a map or a request that cannot be diagnosed; the text states what is wrong and what would be right."""
+    """Data, a map or a request that cannot be diagnosed. The text states the error and the correct form."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +52,7 @@ class Parameter:
 class Nuisance(Parameter):
     """A parameter of the base model that is refitted with every candidate.
 
-    ``per_run``: each run has its own, such as the state it starts from; runs that are parts of one record share it.
+    ``per_run``: each run has its own value, for example its initial state. Parts of one record share the value.
     """
 
     per_run: bool = False
@@ -59,10 +60,11 @@ class Nuisance(Parameter):
 
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
-    """An effect that the base model may lack, as the diagnosis tries it.
+    """An effect that the base model may lack, as the diagnosis tests it.
 
-    ``amplitude`` is 0 where the effect is missing (its ``low`` is 0 where only one sign is physical); ``shapes`` are
-    parameters that mean nothing while it is missing (a time constant), tried at the points of ``grid``.
+    ``amplitude`` is 0 if the effect is missing; its ``low`` is 0 if only one sign is physical. ``shapes`` are
+    parameters without meaning at amplitude 0, such as a time constant. The fit starts from each point of ``grid`` for
+    the shapes.
     """
 
     name: str
@@ -73,7 +75,7 @@ class Hypothesis:
     grid: tuple[tuple[float, ...], ...] = ((),)  #: each point has one value for each shape
     touches: frozenset[str] = frozenset()  #: of force, gas, flow, sensor, timing
     confusers: tuple[str, ...] = ()
-    #: Members of the family that contain more: to be tried before another family.
+    #: Members of the family that include this effect. They are tested before other families.
     richer: tuple[str, ...] = ()
     equation: str = ""
     source: str = ""
@@ -83,14 +85,14 @@ class Hypothesis:
     imitated: tuple[float, ...] = ()
     #: Ratio of χ² in the directions of this effect: stretches of sound rigs over pure noise.
     overdispersion: float = 1.0
-    plain: str = ""  #: consequence of the effect, a clause without full stop; "": the title is enough
-    #: The phenomenon that it describes, such as "friction of the rubber", if the catalogue has several laws of it.
+    plain: str = ""  #: consequence of the effect, a clause without full stop; "": use the title
+    #: The phenomenon, such as "friction of the rubber", if the catalogue has several laws for it.
     phenomenon: str = ""
     separated_by: str = ""  #: the run that separates it from similar effects
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Amplitude first, then the shapes."""
+        """The amplitude, then the shapes."""
         return (self.amplitude, *self.shapes)
 
     @property
@@ -117,7 +119,7 @@ class Surface:
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One measured output: ``noise`` and ``resolution`` as the data sheet says them (0: unknown), in SI."""
+    """One measured output: ``noise`` and ``resolution`` from the data sheet, in SI (0: unknown)."""
 
     name: str
     unit: str
@@ -136,15 +138,15 @@ class Experiment:
     time: Array
     inputs: Mapping[str, Array]
     settings: Mapping[str, float] = field(default_factory=dict)  #: constants of this run, e.g. the preload
-    minutes: float = 0.0  #: what the run costs on the rig
-    #: The record that this is a part of, replayed from where all of its parts begin; "": its own record.
+    minutes: float = 0.0  #: duration of the run on the rig
+    #: The record that this run is a part of. The replay starts with the first part. "": a record of its own.
     source: str = ""
     #: Inputs that keep their value until the next sample; the others are straight lines between samples.
     held: frozenset[str] = frozenset()
 
     @property
     def record(self) -> str:
-        """The record whose nuisances are those of this run."""
+        """The name of the record that this run belongs to. Runs of one record share their nuisances."""
         return self.source or self.name
 
     @property
@@ -157,8 +159,8 @@ class Experiment:
 class MeasuredRun:
     """An experiment and its measured ``outputs`` (n, c), NaN where nothing was measured.
 
-    ``scored`` (n,) leaves out stretches in which the model does not claim to hold, such as the first cycle that
-    friction needs to forget; ``rest`` (n,) marks stretches without motion, which show the noise alone.
+    ``scored`` (n,) is False where the model is not valid, for example in the first cycle of friction after a
+    standstill. ``rest`` (n,) is True in stretches without motion, which show only the noise.
     """
 
     experiment: Experiment
@@ -176,14 +178,14 @@ class MeasuredRun:
 
 @dataclass(frozen=True, slots=True)
 class DataQuality:
-    """What a check of the data found in a column of a file, and what follows: a row of the table of data quality."""
+    """One row of the table of data quality: the result of a check of a column, and its consequence."""
 
     file: str
     column: str
     check: str
     count: int  #: of its ``samples``; of missing stretches, how many there are
     samples: int
-    first: str  #: where in the file the first of them stands
+    first: str  #: position of the first one in the file
     found: str
     consequence: str
     doubt: bool = False
@@ -191,12 +193,11 @@ class DataQuality:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dataset:
-    """Measured runs with the same channels; ``digest`` is the hash of the files they came from.
+    """Measured runs with the same channels. ``digest`` is the hash of their files.
 
-    ``quality`` holds the results of the data checks; its doubtful rows are among the ``doubts``. ``doubts`` are
-    sentences on data that cannot be right; reports print them before the verdict. ``readings`` are sentences on how
-    files were read and which rows were skipped. ``beside`` are runs of which only figures are compared
-    (`CheckFigures`).
+    ``quality`` holds the results of the data checks; its doubtful rows are also in ``doubts``. ``doubts`` are sentences
+    on data that cannot be correct; reports print them before the verdict. ``readings`` are sentences on how files were
+    read and which rows were skipped. For the runs in ``beside`` only figures are compared (`CheckFigures`).
     """
 
     channels: tuple[Channel, ...]
@@ -218,27 +219,29 @@ Figures = Mapping[tuple[str, str], float]
 
 
 class CheckFigures(Protocol):
-    """What plans measure on the rig, of which none was fitted: ``experiments`` are such plans as they are planned."""
+    """Figures that test plans measure on the rig. The fit does not use them. ``experiments`` are these plans, as
+    planned.
+    """
 
     @property
     def experiments(self) -> Sequence[Experiment]: ...
 
     def states(self, nuisance: str) -> bool:
-        """Return whether a planned experiment is given without the error that this nuisance represents."""
+        """Return whether a planned experiment is free of the error that this nuisance represents."""
 
     def figures(self, experiment: Experiment, outputs: Mapping[str, Array]) -> Figures:
-        """Return the figures that an experiment holds, of its ``outputs`` (n,) by channel; none if it holds none."""
+        """Return the figures of an experiment, computed from its ``outputs`` (n,) by channel; empty if it has none."""
 
 
-#: Values of effects (and surfaces) by effect name and parameter name. What is not named is missing.
+#: Values of effects (and surfaces) by effect name and parameter name. Effects that are not named are missing.
 Effects = Mapping[str, Mapping[str, float]]
 
 
 class Simulator(Protocol):
     """A model that replays experiments: pure, deterministic, fixed-step, without I/O.
 
-    ``run`` returns the outputs (n, c) in the order of ``channels``. ``parameters`` holds every nuisance by name; what
-    is missing has its nominal value. It may be called from several threads at once.
+    ``run`` returns the outputs (n, c) in the order of ``channels``. ``parameters`` holds nuisances by name; a missing
+    one has its nominal value. Several threads may call ``run`` at once.
     """
 
     @property
@@ -269,9 +272,9 @@ class Job:
 
 
 class CompleteSimulator:
-    """A simulator with all that one may offer together with ``run``: the base of those that offer any of it.
+    """Base class for simulators that offer more than ``run``. All further members are optional and have a default.
 
-    Each has a default that does without. Others are completed by the engine (`diagnosis.engine.simulation.completed`).
+    `diagnosis.engine.simulation.completed` adds the defaults to other simulators.
     """
 
     name: str
@@ -280,52 +283,55 @@ class CompleteSimulator:
     catalogue: Mapping[str, Hypothesis]
     surfaces: tuple[Surface, ...]
 
-    #: Which one it is beyond doubt, such as the hash of its file; "": its name and the version of this project say it.
+    #: A unique identity, such as the hash of its file; "": its name and the version of this project are enough.
     identity: str = ""
-    #: Fewest jobs that are worth a call of `run_many`: fewer hardly have anything to share.
+    #: Fewest jobs for a call of `run_many`. Fewer jobs share too little.
     least_batch: int = 1
-    #: Names of nuisances and effects that rough outputs do not distinguish : differences in them are never rough.
+    #: Nuisances and effects that approximate outputs do not distinguish. Their differences use exact outputs.
     too_alike: frozenset[str] = frozenset()
     #: Errors of its inputs that its nuisances imitate exactly, so that no data can show them. Each entry holds the
     #: shift of the nuisances by one standard deviation of the error, by name in their own units. For example, the zero
     #: of a height sensor changes every volume and area, and the outputs stay the same.
     unseen_errors: Sequence[Mapping[str, float]] = ()
-    #: How nuisances are learnt otherwise, such as by a calibration: what to do, by the name of the nuisance.
+    #: Other ways to determine a nuisance, such as a calibration: instructions by name of the nuisance.
     references: Mapping[str, str] = MappingProxyType({})
 
     def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array:
-        """Return the outputs (n, c) as `Simulator` says."""
+        """Return the outputs (n, c), see `Simulator`."""
         raise NotImplementedError
 
     def run_many(self, jobs: Sequence[Job]) -> Iterator[Array]:
-        """Yield the outputs (n, c) of each job in order, as they are done; jobs may share intermediate results.
+        """Yield the outputs (n, c) of each job, in the order of the jobs. Jobs may share intermediate results.
 
-        They are those of ``run`` to within the rounding of the arithmetic. It may be called from several threads.
+        The outputs equal those of ``run``, except for rounding errors. Several threads may call this at once.
         """
         for job in jobs:
             yield self.run(job.experiment, job.parameters, job.effects)
 
     def run_roughly(self, jobs: Sequence[Job]) -> Iterator[Array | None]:
-        """Yield outputs that are only good for being subtracted from each other, or None where they would not be.
+        """Yield approximate outputs that are used only for differences between jobs; None if the differences are not
+        accurate.
 
-        Their errors may be larger, such as those of a longer step, as long as those of neighbouring points are the
-        same: difference quotients are as good as ever, to a few hundredths.
+        The outputs may have a larger error, for example from a longer step, if neighbouring points have the same error.
+        Then the difference quotients are still accurate to a few hundredths.
         """
         yield from (None for _ in jobs)
 
     def sharpened(self, runs: Sequence[MeasuredRun], channels: Sequence[Channel]) -> Mapping[str, Hypothesis]:
-        """Return the hypotheses to be tried instead of those of their names in the catalogue; mostly none.
+        """Return hypotheses that replace those of the same name in the catalogue; usually none.
 
-        These are shapes that no point of a grid would meet. The data show them before any fit. A period that repeats
-        for minutes must be known to a part in a hundred thousand, or the effect explains nothing. ``channels`` are
-        those of the runs' outputs.
+        Use this for shapes that are too narrow for a grid and that the data show before any fit. For example, a period
+        that repeats for minutes must be known to 1 in 100 000, or the effect explains nothing. ``channels`` are those
+        of the outputs of ``runs``.
         """
         return {}
 
     def counted(self, experiment: Experiment, outputs: Array) -> NDArray[np.bool_]:
-        """Return which samples (n, c) of a planned experiment its record would count, if it had these ``outputs``."""
+        """Return which samples (n, c) of a planned experiment would count in a record with these ``outputs``."""
         return np.ones(outputs.shape, np.bool_)
 
     def parity(self, experiment: Experiment, outputs: Array) -> Mapping[str, Array]:
-        """Return signals (n,) of outputs (n, c) that one subsystem alone can move, NaN where an output is."""
+        """Return signals (n,), computed from the outputs (n, c), that only one subsystem can change. NaN where an
+        output is NaN.
+        """
         return {}

@@ -14,23 +14,23 @@ Z95: Final = 1.959963984540054
 
 
 def decimals(low: float, high: float) -> int:
-    """Return so many decimals as give the half width of an interval two significant digits."""
+    """Return the number of decimals that gives the half width of an interval two significant digits."""
     width = (high - low) / 2.0
     return max(1 - math.floor(math.log10(width)), 0) if width > 0.0 else 6
 
 
 def number(value: float) -> float | None:
-    """A float for JSON: null where it is no number."""
+    """Return a float for JSON; None (null) if it is not finite."""
     return float(value) if math.isfinite(value) else None
 
 
 def numbers(values: Iterable[float], digits: int = 5) -> list[float | None]:
-    """Floats for a figure, to so many significant digits; null where they are no numbers."""
+    """Return floats for a figure with ``digits`` significant digits; None (null) if not finite."""
     return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values]
 
 
 def percent(part: float, digits: int = 2) -> str:
-    """A part of 1 as a percentage in so many significant digits, never as a power of ten."""
+    """Return a part of 1 as a percentage with ``digits`` significant digits, never as a power of ten."""
     value = 100.0 * part
     return "less than 0.01 %" if 0.0 < value < 0.01 else f"{float(f'{value:.{digits}g}'):.12g} %"
 
@@ -38,10 +38,10 @@ def percent(part: float, digits: int = 2) -> str:
 def estimate(
     parameter: Parameter, value: float, sd: float, ends: tuple[float, float] | None = None
 ) -> Estimate:
-    """A fitted parameter in the unit that people read.
+    """Return a fitted parameter in display units.
 
-    ``value`` and the ``ends`` of its 95 % interval are in SI.  ``sd`` is in SI too, or that of the logarithm where the
-    parameter is ``logarithmic``: without ``ends``, its interval is then lopsided.  No interval leaves the range.
+    ``value`` and the ``ends`` of its 95 % interval are in SI. ``sd`` is in SI too, or that of the logarithm for a
+    ``logarithmic`` parameter, whose interval is asymmetric without ``ends``. No interval exceeds the range.
     """
     if ends is None and parameter.logarithmic:
         ends = value * math.exp(min(-Z95 * sd, 0.0)), value * math.exp(min(Z95 * sd, 700.0))
@@ -61,6 +61,6 @@ def estimate(
 
 
 def unresolved(parameter: Parameter, below: float) -> Estimate:
-    """A fitted parameter of which the samples only say that it lies ``below`` so much, in SI."""
+    """Return a fitted parameter of which only an upper bound ``below`` (SI) is known."""
     unit, least = parameter.display or parameter.unit, number(below / parameter.scale)
     return Estimate(name=parameter.name, unit=unit, value=None, sd=None, low=None, high=None, below=least)

@@ -1,6 +1,7 @@
-"""The finding: what a diagnosis says, with all it rests on, as JSON that people and programs read.
+"""The finding: the result of a diagnosis with its evidence, as JSON for people and programs.
 
-Numbers are in the unit together with them; only ``models`` is in SI. What is not known is null: JSON has no NaN.
+Numbers are in the unit that is stored with them; only ``models`` is in SI. Unknown values are null, because JSON has no
+NaN.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ SUSPECTED: Final = "suspected"
 
 
 class Verdict(StrEnum):
-    """What a diagnosis may say; it is never forced to name a cause."""
+    """The possible verdicts. A diagnosis is never forced to name a cause."""
 
     NO_EFFECT = "no effect"
     NAMED = "named"
@@ -33,7 +34,7 @@ class Verdict(StrEnum):
 class Estimate(msgspec.Struct, frozen=True, kw_only=True):
     """A fitted number with its standard deviation and its 95 % interval from ``low`` to ``high``.
 
-    What the samples do not resolve has none of these, but a bound: it lies ``below``.
+    A number that the samples do not resolve has only an upper bound, ``below``.
     """
 
     name: str
@@ -46,13 +47,13 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Cause(msgspec.Struct, frozen=True, kw_only=True):
-    """A named effect that explains what the base model gets wrong.
+    """A named effect that explains an error of the base model.
 
-    ``strength`` is λ, the norm of its footprint in standard deviations of the noise after the base model was refitted;
-    ``score`` is z. ``bic_gain`` (of the fit runs) and ``lpd_gain`` (log predictive density of the select runs) state
-    how much better the model is with it; ``gained`` is the part of the explainable squared error on unseen runs
-    that goes with it, all channels together. Where there are ``laws``, only the ``phenomenon`` is claimed: the cause is
-    the simplest of its laws that suffices. ``status`` is *named*, or *suspected* where nothing unseen gains by it.
+    ``strength`` is λ, the norm of its footprint in standard deviations of the noise after a refit of the base model;
+    ``score`` is z. ``bic_gain`` (fit runs) and ``lpd_gain`` (log predictive density of the select runs) are the gains
+    of the model by the effect; ``gained`` is the removed part of the explainable squared error on unseen runs, over all
+    channels. If there are ``laws``, only the ``phenomenon`` is claimed, and the cause is its simplest sufficient law.
+    ``status`` is *named*, or *suspected* if it improves the prediction of no unseen run.
     """
 
     effect: str
@@ -74,9 +75,9 @@ class Cause(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Rival(msgspec.Struct, frozen=True, kw_only=True):
-    """An effect that explains the data as well as a cause does: BIC of the rival less that of the cause, under 10.
+    """An effect that explains the data as well as a cause: BIC of the rival minus that of the cause, below 10.
 
-    The gap is larger where the model leaves more than the noise, and the rival predicts unseen runs as well.
+    The gap may be larger if the error is above the noise and the rival predicts unseen runs as well.
     """
 
     effect: str
@@ -89,9 +90,9 @@ class Rival(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Suspect(msgspec.Struct, frozen=True, kw_only=True):
-    """An effect that comes near where nothing may be named: no cause.  ``why`` ends "it is a candidate, but …".
+    """A likely candidate if no cause is named. ``why`` completes "it is a candidate, but …".
 
-    ``strength`` is the λ that it had in the model that it left; null where it never entered one.
+    ``strength`` is its λ in the model from which it was removed; null if it was in none.
     """
 
     effect: str
@@ -105,8 +106,8 @@ class Suspect(msgspec.Struct, frozen=True, kw_only=True):
 class Score(msgspec.Struct, frozen=True, kw_only=True):
     """The score z of one candidate against the base model, at the best point of its shape grid.
 
-    ``strength`` is the λ that the score estimates, before overdispersion widens the scatter in which z is measured.
-    ``outcome`` shows what became of it: below the threshold, accepted, or the gate that it did not pass.
+    ``strength`` is the λ estimated from the score, before overdispersion reduces z. ``outcome`` is the result in the
+    search: below the threshold, accepted, or the gate that it failed.
     """
 
     effect: str
@@ -119,10 +120,11 @@ class Score(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Gain(msgspec.Struct, frozen=True, kw_only=True):
-    """What the extension gains in one channel on the report runs, both models as fitted; ``channel`` may be "all".
+    """The gain of the extended model in one channel on the report runs, both models as fitted; ``channel`` may be
+    "all".
 
-    ``floor`` is the noise alone, ``noise_ratio`` the RMSE after over the floor.  ``fraction`` is the part of the
-    explainable misfit that is explained, (RMSE0² − RMSE1²)/(RMSE0² − floor²), with its 95 % interval.
+    ``floor`` is the noise alone, ``noise_ratio`` the RMSE after over the floor. ``fraction`` is the explained part of
+    the explainable misfit, (RMSE0² − RMSE1²)/(RMSE0² − floor²), with its 95 % interval.
     """
 
     channel: str
@@ -140,15 +142,15 @@ class Gain(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def reduction(self) -> float | None:
-        """By which part the explainable error itself is smaller, as a root: 0.84 where ``fraction`` is 0.97."""
+        """The relative reduction of the explainable error as a root: 0.84 for a ``fraction`` of 0.97."""
         return None if self.fraction is None else 1.0 - math.sqrt(1.0 - min(self.fraction, 1.0))
 
 
 class CheckPrediction(msgspec.Struct, frozen=True, kw_only=True):
-    """A figure of a check as the stock, the tuned and the extended model predict it, and as an unseen run shows it.
+    """A figure of a check, predicted by the stock, tuned and extended models, and measured in an unseen run.
 
-    The ``stock`` model has its nominal parameters, the ``tuned`` one is the base model at its best. ``uncertainty`` is
-    half of the 95 % interval of ``extended``. Without a ``run`` the figure is of a planned experiment.
+    The ``stock`` model has its nominal parameters, the ``tuned`` one is the best base model. ``uncertainty`` is half of
+    the 95 % interval of ``extended``. Without a ``run`` the figure is for a planned experiment.
     """
 
     name: str
@@ -169,7 +171,7 @@ class CheckPrediction(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Coverage(msgspec.Struct, frozen=True, kw_only=True):
-    """How many samples of the report runs lie within the noise around the prediction, at a nominal level."""
+    """The share of samples of the report runs within the noise around the prediction, at a nominal level."""
 
     level: float
     before: float | None
@@ -177,7 +179,7 @@ class Coverage(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Trace(msgspec.Struct, frozen=True, kw_only=True):
-    """Measured and predicted, before and after, in one channel of a report run.
+    """Measured and predicted values, before and after, in one channel of a report run.
 
     ``times`` to ``after`` show a few seconds in detail; ``error_times`` to ``error_after`` the extremes of all errors.
     """
@@ -196,10 +198,10 @@ class Trace(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Unseen(msgspec.Struct, frozen=True, kw_only=True):
-    """How large an effect that was not found would have had to be, to be found in 95 % of cases.
+    """The detection limit of an effect that was not found: the size that is found in 95 % of cases.
 
-    ``smallest`` is null where these runs would not show the effect at any size that is allowed.  ``hidden_by`` names
-    what takes up most of its footprint: a parameter of the base model or an effect that was accepted.
+    ``smallest`` is null if these runs do not show the effect at any allowed size. ``hidden_by`` names the parameter or
+    accepted effect that imitates most of its footprint.
     """
 
     effect: str
@@ -213,7 +215,7 @@ class Unseen(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Pair(msgspec.Struct, frozen=True, kw_only=True):
-    """Two effects that the fit runs distinguish , or not: the predicted BIC gap is λ²(1 − cosine²)."""
+    """Two effects, and whether the fit runs distinguish them: the predicted BIC gap is λ²(1 − cosine²)."""
 
     first: str
     second: str
@@ -223,7 +225,7 @@ class Pair(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Confusability(msgspec.Struct, frozen=True, kw_only=True):
-    """Cosines between the footprints of effects after the base model was refitted: 1 means the same footprint."""
+    """Cosines between the footprints of effects after a refit of the base model: 1 means the same footprint."""
 
     effects: list[str]
     cosines: list[list[float | None]]
@@ -231,7 +233,7 @@ class Confusability(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class NextRun(msgspec.Struct, frozen=True, kw_only=True):
-    """A run that the rig can do, and how far it would part the rivals: predicted BIC gap, and the same per minute."""
+    """A possible run of the rig, and how well it separates the rivals: predicted BIC gap, and gap per minute."""
 
     experiment: str
     minutes: float
@@ -241,7 +243,7 @@ class NextRun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class NextSensor(msgspec.Struct, frozen=True, kw_only=True):
-    """A reference that would separate rivals which no run separates: its parameter, and the resulting BIC gap."""
+    """A calibration that would separate rivals which no run separates: its parameter, and the resulting BIC gap."""
 
     name: str
     bic_gap: float | None
@@ -251,7 +253,7 @@ class NextSensor(msgspec.Struct, frozen=True, kw_only=True):
 class Shift(msgspec.Struct, frozen=True, kw_only=True):
     """A parameter of the base model, fitted without and with the causes.
 
-    ``sigmas`` is the shift in standard deviations that the fit without them claims: how wrong it was about itself.
+    ``sigmas`` is the shift in standard deviations of the fit without them, and so shows how wrong that uncertainty was.
     """
 
     name: str
@@ -265,10 +267,10 @@ class Shift(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Imitation(msgspec.Struct, frozen=True, kw_only=True):
-    """A parameter of the base model that imitates what the model lacks: credible with the causes, and not without them.
+    """A parameter of the base model that imitates a missing cause: near its prior with the causes, far from it without.
 
-    ``expected`` and ``sd`` are its prior; ``sigmas`` and ``sigmas_after`` count from it, in its standard deviations,
-    to the fitted values ``before`` (without the causes) and ``after`` (with them).
+    ``expected`` and ``sd`` are its prior; ``sigmas`` and ``sigmas_after`` are the distances from it, in its standard
+    deviations, of the fitted values ``before`` (without the causes) and ``after`` (with them).
     """
 
     name: str
@@ -301,7 +303,7 @@ class Series(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Figure(msgspec.Struct, frozen=True, kw_only=True):
-    """What a test draws: bars, points, lines, or a map of z over x and y; ``limit`` is where chance ends."""
+    """The figure of a test: bars, points, lines, or a map of z over x and y; ``limit`` is the limit of chance."""
 
     kind: str
     x_label: str
@@ -313,10 +315,10 @@ class Figure(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PanelRow(msgspec.Struct, frozen=True, kw_only=True):
-    """One test on the errors of the base model: it shows what is wrong, and where, and names nothing.
+    """One test on the errors of the base model: it shows an error and its place, without a cause.
 
-    ``p`` is the chance of a statistic as large if the model were right, ``q`` the same after Benjamini and Hochberg
-    over the whole panel.  A test that does not apply states why and has neither.
+    ``p`` is the probability of an equally large statistic if the model is right, ``q`` the same after Benjamini and
+    Hochberg over the whole panel. A test that does not apply has a reason instead.
     """
 
     test: str
@@ -333,7 +335,7 @@ class PanelRow(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Region(msgspec.Struct, frozen=True, kw_only=True):
-    """Where along one coordinate an unknown term acts, and the range that the runs visited."""
+    """The range of one coordinate in which an unknown term acts, and the range that the runs covered."""
 
     coordinate: str
     low: float | None
@@ -343,7 +345,7 @@ class Region(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Nearest(msgspec.Struct, frozen=True, kw_only=True):
-    """A named effect and how alike its footprint is to that of an unknown term."""
+    """A named effect, and the similarity of its footprint to that of an unknown term."""
 
     effect: str
     cosine: float | None
@@ -352,7 +354,8 @@ class Nearest(msgspec.Struct, frozen=True, kw_only=True):
 class Unknown(msgspec.Struct, frozen=True, kw_only=True):
     """A term without a name, fitted as a surface because no named effect explains the residual.
 
-    It is no cause: it holds inside the visited range only.  ``kept`` says whether it predicts the select runs better.
+    It is no cause and is valid only inside the covered range. ``kept`` is True if it improves the prediction of the
+    select runs.
     """
 
     surface: str
@@ -369,9 +372,9 @@ class Unknown(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Models(msgspec.Struct, frozen=True, kw_only=True):
-    """Both models with SI values, ready to be loaded: shared parameters, those of each run, and the effects.
+    """Both models with SI values: shared parameters, those of each run, and the effects.
 
-    Report runs are among the runs. Parts of one record are one run here, under the name of the record.
+    Report runs are among the runs. Parts of one record are one run, under the name of the record.
     """
 
     before: dict[str, float]
@@ -382,7 +385,7 @@ class Models(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Provenance(msgspec.Struct, frozen=True, kw_only=True):
-    """What is needed to come to the same finding again."""
+    """The information needed to reproduce the finding."""
 
     simulator: str
     identity: str = ""  #: which file the simulator is, where it is one
@@ -397,13 +400,13 @@ class Provenance(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
-    """Everything that a diagnosis concluded; ``quality`` holds the results of the data checks.
+    """All results of a diagnosis; ``quality`` holds the results of the data checks.
 
-    ``suspects`` are the best causes where none may be named. Of all candidates together, chance alone exceeds the score
-    ``threshold`` once in 1/``alpha`` diagnoses. ``remains`` are sentences on unexplained errors; ``doubts``, printed
-    before the verdict, on data or priors that cannot be right; ``readings`` on the files. ``imitations``, the farthest
-    first, are parameters by which the base model imitates the causes. ``checks`` are predicted measurements of plans.
-    ``summary`` is None in findings of earlier versions.
+    ``suspects`` are the best candidates if no cause is named. By chance the largest score exceeds ``threshold`` with
+    probability ``alpha``. ``remains`` are sentences on unexplained errors; ``doubts``, printed before the verdict, on
+    data or priors that cannot be right; ``readings`` on the files. ``imitations``, the largest first, are parameters by
+    which the base model imitates the causes. ``checks`` are predicted figures of plans. ``summary`` is None in findings
+    of earlier versions.
     """
 
     verdict: Verdict
@@ -449,26 +452,26 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The causes by name, in the order in which they were accepted."""
+        """The names of the causes, in the order of acceptance."""
         return tuple(cause.effect for cause in self.causes)
 
     @property
     def suspected(self) -> bool:
-        """Whether there are causes, and none of them is more than suspected."""
+        """Whether there are causes, and all of them are only suspected."""
         return bool(self.causes) and all(cause.status == SUSPECTED for cause in self.causes)
 
     @property
     def first_screen(self) -> Summary:
-        """The summary; of an earlier version's finding what its sentence says."""
+        """The summary; for findings of earlier versions it is made from ``sentence``."""
         return self.summary or Summary(wrong=self.sentence, sure="", evidence="", next="")
 
     def to_json(self) -> bytes:
-        """The finding as JSON, indented, the same bytes for the same finding."""
+        """Return the finding as indented JSON, with the same bytes for the same finding."""
         return msgspec.json.format(msgspec.json.encode(self), indent=1) + b"\n"
 
     @staticmethod
     def from_json(data: bytes) -> Finding:
-        """The finding that ``to_json`` wrote.  Raises ``DiagnosisError`` for anything else."""
+        """Return the finding that ``to_json`` wrote. Raises ``DiagnosisError`` for other data."""
         try:
             return msgspec.json.decode(data, type=Finding)
         except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:

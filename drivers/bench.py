@@ -42,7 +42,7 @@ _COMMANDED: Final = (
 
 
 class Bench(Link):
-    """One bench. It opens and closes the wiring of its rig.
+    """A test bench. It opens and closes the wiring of its rig.
 
     Use it as a context manager, or call :meth:`connect` and :meth:`close`. All devices exist on any rig; access to a
     signal that the rig lacks raises an error with the reason.
@@ -236,10 +236,10 @@ class Bench(Link):
 
     @contextmanager
     def silent(self, about: Literal["set-points", "settings"]) -> Iterator[None]:
-        """Stop sending inside the block, like a dead commander or a broken cable. The bench counts as disarmed.
+        """Stop sending inside the block, like a failed commander or a broken cable. The bench counts as disarmed.
 
-        Faults of the rig raise no error inside the block. Raises NotAvailable, and sends on, if the rig is not known
-        to monitor its commander.
+        Faults of the rig raise no error inside the block. Raises NotAvailable, without a pause in sending, if the rig
+        is not known to monitor its commander.
         """
         if not self.wiring.capabilities.watchdog:
             raise NotAvailable(f"{self.wiring.rig} is not known to notice that its commander is silent")
@@ -258,7 +258,7 @@ class Bench(Link):
     # -- inside --------------------------------------------------------------------------------------------------
 
     def _countdown(self, within: float) -> Callable[[], float]:
-        """Return a function that returns how much of ``within`` (s) is left."""
+        """Return a function that returns the remaining part of ``within`` (s)."""
         deadline = self.clock.now() + round(within * NS)
         return lambda: max(0.0, (deadline - self.clock.now()) / NS)
 

@@ -1,4 +1,4 @@
-"""Errors between a test plan and the bench, each with the side at fault."""
+"""The errors that the bench raises to a test plan, each with the side at fault."""
 
 from typing import Literal
 
@@ -6,19 +6,17 @@ Fault = Literal["rig", "plan", "link", "record"]
 
 
 class BenchError(Exception):
-    """An error between plan and rig. ``fault`` names its side: the rig, the plan, the link, or the record, which is
-    no longer written.
-    """
+    """An error of the bench. ``fault`` names the side at fault: the rig, the plan, the link or the record."""
 
     fault: Fault = "rig"
 
 
 class BenchTimeout(BenchError):
-    """A bounded wait ended before its condition came true."""
+    """A time limit ended before the expected condition was met."""
 
 
 class RigFault(BenchError):
-    """The rig left the state that the plan needs. The message has the rig's own reason, ``fault`` the side at fault."""
+    """The rig left the state that the plan needs. The message has the rig's own reason."""
 
     def __init__(self, message: str, fault: Fault = "rig") -> None:
         super().__init__(message)
@@ -34,7 +32,7 @@ class Refused(BenchError):
 
 
 class MapMismatch(BenchError):
-    """The rig uses another table of signals than these drivers."""
+    """The rig uses another signal table than these drivers."""
 
 
 class NotCommander(BenchError):
@@ -52,7 +50,7 @@ class WiringError(ValueError):
 
 
 class Stale(BenchError):
-    """A measurement was requested of a signal without new samples."""
+    """A measurement used a signal without new samples."""
 
     fault: Fault = "link"
 
@@ -70,6 +68,6 @@ class Misuse(BenchError):
 
 
 class NotRecorded(BenchError):
-    """Recording has failed, so that further measurements would be lost."""
+    """Recording has failed, so further measurements would be lost."""
 
     fault: Fault = "record"

@@ -1,4 +1,4 @@
-"""A test plan, and the decorator that makes one of a function."""
+"""A test plan, and the decorator that turns a function into a plan."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ Part = Callable[..., None]
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A test instruction: set-up, main part and tear-down, which always runs.
+    """A test instruction: set-up, main part and tear-down. The tear-down always runs.
 
-    The instruction is the docstring of the main part, the title its first line. In both ``{AW0.preload}`` represents
-    what a specimen has to carry in that load case, which :meth:`on` puts in. ``lasts`` is how long it takes (s of
-    the bench's time, 0 if no one knows): it moves the progress bar and limits nothing. ``parameters`` are what the main
-    part may be given by name, ``values`` (SI) what it will be given. On a rig that lacks one of the signals ``needs``
-    the plan is blocked before anything moves, and so it is if one of the preconditions ``requires`` is not met.
-    ``checks`` are the names of what it checks, each with a sentence for anyone who reads what the plan does.
+    The instruction is the docstring of the main part; its first line is the title. In both, ``{AW0.preload}`` stands
+    for the preload of the specimen in that load case; :meth:`on` inserts the value. ``lasts`` is the duration in s of
+    the bench's time (0: unknown); it moves the progress bar and limits nothing. ``parameters`` are the parameters of
+    the main part, ``values`` (SI) their present values. The plan is blocked before any motion if the rig lacks one of
+    the signals ``needs``, or if one of the preconditions ``requires`` is not met. ``checks`` are the names of its
+    checks, each with a sentence for readers of the plan.
     """
 
     name: str
@@ -58,19 +58,20 @@ class Plan:
     )
 
     def given(self, texts: Mapping[str, Any]) -> Plan:
-        """Return the plan with some parameters as written in ``texts``, such as ``20 mm``, the others by default.
+        """Return the plan with the parameters in ``texts``, such as ``20 mm``. Other parameters have their default
+        value.
 
-        ParameterRefused, with name, value, unit and range, for what it does not take.
+        Raises ParameterRefused, with name, value, unit and range, for an unknown parameter or an invalid value.
         """
         return replace(self, values=read_all(self.name, self.parameters, texts))
 
     def bound(self, part: Part) -> Callable[[Run], None]:
-        """Return one of the parts of this plan with the parameters that it names."""
+        """Return one part of this plan, called with the parameters that it names."""
         names = inspect.signature(part).parameters
         return partial(part, **{name: value for name, value in self.values.items() if name in names})
 
     def on(self, specimen: Specimen) -> Plan:
-        """Return the plan as described for ``specimen``: title and instruction contain the loads of this specimen."""
+        """Return the plan for ``specimen``: title and instruction contain the loads of this specimen."""
 
         def preload(found: re.Match[str]) -> str:
             load = specimen.loads.get(found[1])
@@ -83,7 +84,7 @@ class Plan:
 
     @property
     def written(self) -> dict[str, str]:
-        """The values of the parameters as people write them."""
+        """The values of the parameters as text with unit."""
         return {one.name: one.show(self.values[one.name]) for one in self.parameters}
 
 
@@ -110,12 +111,12 @@ def plan(
     requires: Iterable[Precondition] = (),
     checks: Iterable[CheckName] = (),
 ) -> Plan | Callable[[Part], Plan]:
-    """Make a plan of a function: ``@plan``, or ``@plan(setup=..., teardown=..., needs=..., requires=...)``.
+    """Turn a function into a plan: ``@plan``, or ``@plan(setup=..., teardown=..., needs=..., requires=...)``.
 
-    The name is the function's, the instruction its docstring (or that of its module). Without custom parts a plan
-    begins by arming the bench and ends by venting the springs and disarming. What the function takes next to the run
-    are the plan's parameters, which the other parts may name too. PlanError without a docstring, or for a parameter
-    that has no default, no unit or no range, or for a need that is no signal.
+    The name of the plan is that of the function. The instruction is its docstring, or that of its module. By default
+    the set-up arms the bench, and the tear-down vents the springs and disarms the bench. The arguments after the run
+    are the plan's parameters; the other parts may use them by name. Raises PlanError if there is no docstring, if a
+    parameter has no default, unit or range, or if one of ``needs`` is not a signal.
     """
 
     def made(function: Part) -> Plan:
@@ -126,10 +127,10 @@ def plan(
 
 
 def plan_under(load: str, main: Callable[..., None], name: str, **how: Any) -> Plan:
-    """Make a plan called ``name`` of a function that takes the load, too; the rest as for `plan`.
+    """Return a plan called ``name`` for one load. The function gets the load as second argument. See `plan`.
 
-    In its docstring ``{load}`` is the load, ``{car}`` the car that it is of, ``{preload}`` what a spring then carries.
-    What the function takes next to run and load are the plan's parameters.
+    In its docstring ``{load}`` is replaced by the load, ``{car}`` by the car with this load, and ``{preload}`` by the
+    preload of a spring. The arguments after run and load are the plan's parameters.
     """
 
     def under(run: Run, **given: Value) -> None:

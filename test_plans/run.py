@@ -53,7 +53,7 @@ class TwinState(Protocol):
 
 
 class NoTwin:
-    """Stand-in for a run without a twin."""
+    """The state of a run without a twin."""
 
     watching = False
     deviation: Deviation | None = None
@@ -74,23 +74,23 @@ class Watcher(Protocol):
     """Receiver of the progress of a run, for example a progress bar or a log."""
 
     def say(self, text: str) -> None:
-        """Note what the plan is doing now."""
+        """Receive a note on the present step of the plan."""
 
     def phase(self, path: tuple[str, ...], *, begins: bool) -> None:
-        """Note that a phase begins or has ended; ``path`` are those that are open now, outermost first."""
+        """Receive the start or end of a phase; ``path`` are the open phases, outermost first."""
 
     def progress(self, fraction: float) -> None:
-        """Note how much of the plan is done (0 to 1)."""
+        """Receive the completed fraction of the plan (0 to 1)."""
 
     def checked(self, check: Check) -> None:
-        """Note a check and its verdict."""
+        """Receive a check with its verdict."""
 
 
 class EventLog(Protocol):
-    """Where the events of a run are kept."""
+    """The receiver of the events of a run."""
 
     def event(self, time: int, kind: str, text: str, **data: Any) -> None:
-        """Keep what happened at ``time`` (ns). Raises RecordError if it cannot be kept."""
+        """Store an event that happened at ``time`` (ns). Raises RecordError if that fails."""
 
 
 class NullWatcher:
@@ -383,7 +383,10 @@ class Run:
             self.watcher.phase(tuple(self._open), begins=False)
 
     def _late_ticks_since_begin(self) -> int:
-        """Return the late ticks since the open phase began, or the last one; 0 if the rig does not count them."""
+        """Return the late ticks since the start of the innermost open phase; without one, of the last phase.
+
+        0 if the rig does not count them.
+        """
         begin = self._late_at_begin[-1] if self._late_at_begin else self._late_at_last
         if math.isnan(begin):
             return 0
@@ -397,7 +400,7 @@ class Run:
     def loop(
         self, name: str, x: Axis, y: Axis, xs: Iterable[float], ys: Iterable[float], *, group: str = ""
     ) -> None:
-        """Keep a closed curve of ``ys`` over ``xs`` (SI) for the report."""
+        """Store a closed curve of ``ys`` over ``xs`` (SI) for the report."""
         self.curves.append(curve(name, x, y, xs, ys, kind="loop", group=group))
 
     def curve(
@@ -411,7 +414,8 @@ class Run:
         group: str = "",
         limits: Iterable[Band] = (),
     ) -> None:
-        """Keep a table of few ``ys`` over ``xs`` (SI) for the report, with the ``limits`` of each point, if any.
+        """Store a table of a few points, ``ys`` over ``xs`` (SI), for the report, with the ``limits`` of each point, if
+        any.
 
         The table includes the uncertainties of `Measured` values.
         """

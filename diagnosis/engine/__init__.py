@@ -1,1 +1,3 @@
-"""The method: noise, fits, scores, gates, verdicts. It works for any simulator that keeps `diagnosis.contracts`."""
+"""The method: noise, fits, scores, gates, verdicts. It works for any simulator with the interface
+`diagnosis.contracts`.
+"""

@@ -1,26 +1,25 @@
-"""Step 6, admission: which trial enters the model, alone, instead of a poorer relative, or together with another.
+"""Step 6, admission: choose the trial that enters the model, alone, as a replacement, or together with another trial.
 
 Theory of operation
 -------------------
-The trials come in the order of BIC, and the first through all gates is the choice. It does not enter if
+The trials are sorted by BIC, and the first one that passes all gates is chosen. It does not enter if
 
-* an unphysical trial explains far more: a trial that explains next to nothing of that is no substitute for it. The data
-  then need a pair, or a term that is in no catalogue;
-* a richer member of the family of an accepted cause explains as much in that one's place (`family.py`). Then that
-  enters, if it is worth its parameters by BIC, or nothing does.
+* an unphysical trial explains far more. The data then need a pair, or a term that is in no catalogue;
+* a richer member of the family of an accepted cause explains as much in place of that cause (`family.py`). Then the
+  richer member enters if its parameters improve the BIC; otherwise nothing enters.
 
-A further cause may be much smaller than those before it, and no larger than what their equations may be inexact by. It
-enters if the model is sufficient with it and not without it: no other score exceeds the threshold and no surface sees
-anything, and the select runs are predicted clearly better. An inexact equation leaves a rest that no single candidate
-explains as a whole.
+A further cause may be much smaller than the accepted causes, and no larger than the error of their equations. It enters
+if the model is sufficient with it and insufficient without it: no other score exceeds the threshold, no surface test
+rejects the model, and the select runs are predicted clearly better. An inexact equation cannot cause this, because no
+single candidate explains all of its residual.
 
-Where nothing enters, pairs are tried. A missing cause strains the priors of the base model, and the other cause gets
-the blame: the mass that a lag seems to need may be the rubber that is missing together with it. Two trials that failed
-by nothing but such a strain are fitted together, if they are of different families.
+If nothing enters, pairs are tested. If two causes are missing, a fit with only one of them moves the base parameters
+far from their priors. For example, a lag seems to need a wrong mass because the rubber is missing too. Two trials that
+failed only for this reason are fitted together, if they are of different families.
 
-Where that finds nothing either, and far more than the noise is left, the other one may be nowhere among the trials:
-together with a large leak, hardly anything else scores. So all candidates are scored together with the strained trial
-that explains most, and those that score highest there are fitted with it (`choose_with_strained`).
+If no pair enters and the residual is far above the noise, the second cause may not be among the trials: a large leak
+hides the scores of other causes. So the strained trial that explains most is added to the model, all candidates are
+scored again, and the highest ones are fitted with it (`choose_with_strained`).
 """
 
 from __future__ import annotations
@@ -65,7 +64,9 @@ def choose(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Tri
 
 
 def _richer_instead(problem: Problem, state: SearchState, chosen: Trial) -> list[Trial]:
-    """Return models with a richer relative instead of an accepted effect that the two do not clearly beat."""
+    """Return trials with a richer relative in place of an accepted effect, unless ``chosen`` with that effect is
+    clearly better.
+    """
     current, config = state.current, problem.config
     singles: list[Trial] = []
     for old in current.effects:
@@ -82,7 +83,9 @@ def _richer_instead(problem: Problem, state: SearchState, chosen: Trial) -> list
 
 
 def choose_sufficient(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Trial | None:
-    """Return the best trial that failed only by its size, if nothing is left to be explained with it in the model."""
+    """Return the best trial that failed only because it is small, if the model with it explains the data
+    sufficiently.
+    """
     current = state.current
     trial = next((one for one in trials if one.rough), None)
     if trial is None or current.prediction is None:
@@ -109,7 +112,7 @@ def _surfaces_see(problem: Problem, beside: CurrentModel) -> bool:
 
 
 def choose_pair(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Trial | None:
-    """Return the best model with two more causes at once, of those of which each alone is not physical."""
+    """Return the best model with two further causes, each of which is unphysical alone."""
     current = state.current
     strained = [trial for trial in trials if not trial.physical][:PAIRED]
     found: list[Trial] = []
@@ -124,7 +127,7 @@ def choose_pair(problem: Problem, state: SearchState, trials: Sequence[Trial]) -
 
 
 def choose_with_strained(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Trial | None:
-    """Return the best model of the strongest trial, which is strained alone, with another scoring candidate."""
+    """Return the best model with two further causes: the strongest trial that is strained alone, and a candidate."""
     current = state.current
     strained = next((trial for trial in trials if not trial.physical and trial.bic < current.model.bic), None)
     if strained is None or len(current.effects) + 2 > problem.config.max_effects:
@@ -141,7 +144,9 @@ def choose_with_strained(problem: Problem, state: SearchState, trials: Sequence[
 
 
 def _with_two(problem: Problem, state: SearchState, names: tuple[str, str], start: Point) -> list[Trial]:
-    """Return the model with two more causes, fitted from ``start``, as the second one's trial, if the gates pass it."""
+    """Return a trial of the second of two further causes, fitted together from ``start``; empty if a gate rejects
+    it.
+    """
     current = state.current
     model = refit(problem, start, current)
     if unfit(model, current.model) or too_rough(problem, current, model):
@@ -154,7 +159,7 @@ def _with_two(problem: Problem, state: SearchState, names: tuple[str, str], star
 
 
 def admit(problem: Problem, state: SearchState, chosen: Trial, trials: tuple[Trial, ...]) -> SearchState:
-    """Return the state with the chosen trial as the current model, and with the alternatives of what entered."""
+    """Return the state with the chosen trial as the current model, and with the alternatives to the new effects."""
     current = state.current
     alternatives = dict(state.alternatives)
     for gone in set(current.effects) - set(chosen.point.owners):
@@ -169,9 +174,9 @@ def admit(problem: Problem, state: SearchState, chosen: Trial, trials: tuple[Tri
 
 
 def _comparable(bic: float, chosen: Trial, trials: Sequence[Trial], ambiguous: float) -> list[str]:
-    """Return the other effects whose fits gain at least a good part of what the chosen one gains over ``bic``.
+    """Return the other effects whose fit improves ``bic`` nearly as much as the chosen effect does.
 
-    Or, where that is little, come so near to it that the verdict would call both ``ambiguous``.
+    An effect is also comparable if its BIC is within ``ambiguous`` of the chosen one.
     """
     gain = bic - chosen.bic
     least = max(min(COMPARABLE * gain, gain - ambiguous), 0.0)

@@ -1,17 +1,17 @@
-"""Step 6, the backward pass: the gain of each accepted effect over the others; effects that fail a gate leave.
+"""Step 6, the backward pass: test each accepted effect again, and remove effects that fail a gate.
 
 Theory of operation
 -------------------
-Effects entered one after the other, each through all gates together with those before it. A later one may have made an
-earlier one superfluous, or pushed it out of its range. So the model is fitted once without each of them, and each
-passes the gates again together with *all* others: BIC, range and beliefs, the select runs, the part of the error that
-it explains (`gates.py`). Only roughness is not tested, because it has a meaning in the order of entering alone. Of
-those that fail, the one whose absence costs the least BIC is looked at. It may be the victim: a friction that comes out
-negative, or predicts nothing, together with a damping that has taken its place. So where it passes without a lesser
-effect, that one leaves, else it leaves itself. Noise and rivals are those of another model then, so both are estimated
-again (`rivals.py`), and the pass begins again; it ends when all that is left passes.
+Effects enter one after the other. Each was tested together with the effects before it. A later effect can make an
+earlier one superfluous, or push it out of its range. So the model is fitted once without each effect, and each effect
+must pass the gates again together with *all* others: BIC, range and priors, the select runs, the explained part of the
+error (`gates.py`). Roughness is not tested, because it depends on the order of entering. Of the effects that fail, the
+one with the smallest loss of BIC is examined. It may be correct, and another effect wrong: for example, a friction
+becomes negative because a wrong damping has replaced it. So if it passes without a weaker effect, the weaker effect is
+removed; otherwise it is removed itself. Then noise and rivals are estimated again (`rivals.py`), and the pass begins
+again. It ends when all remaining effects pass.
 
-The same fits state how much each effect explains: λ² is the penalised χ² that its absence costs.
+The same fits show how much each effect explains: λ² is the increase of the penalised χ² without the effect.
 """
 
 from __future__ import annotations
@@ -31,14 +31,16 @@ from diagnosis.engine.trials import current_model, predicted, refit
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Weighed:
-    """A model, mostly the current one without an effect, and what it predicts of the select runs."""
+    """A model, usually the current one without one effect, and its prediction of the select runs."""
 
     model: FittedModel
     prediction: Prediction | None
 
 
 def weigh(problem: Problem, state: SearchState) -> SearchResult:
-    """Leave out what does not pass the gates together with the others, and state what each of the rest is worth."""
+    """Remove the effects that fail a gate together with the others, and return how much each remaining effect
+    explains.
+    """
     while True:
         without = _without_each(problem, state)
         failed = _failed(problem, state, without)
@@ -49,7 +51,7 @@ def weigh(problem: Problem, state: SearchState) -> SearchResult:
 
 
 def dismissed(problem: Problem, state: SearchState, why: Mapping[str, str]) -> SearchState:
-    """Return the state without some effects, each with the reason, under new noise and with new rivals."""
+    """Return the state without the effects ``why``, each with its reason. Noise and rivals are estimated again."""
     point = state.current.model.point
     for name in why:
         point = point.without(name)
@@ -81,21 +83,21 @@ def _fitted(problem: Problem, state: SearchState, point: Point) -> _Weighed:
 
 
 def _failed(problem: Problem, state: SearchState, without: Mapping[str, _Weighed]) -> dict[str, str]:
-    """Return the accepted effects that do not pass a gate together with the others, each with the gate."""
+    """Return the accepted effects that fail a gate together with the others, each with the reason."""
     beside = _Weighed(state.current.model, state.current.prediction)
     failed = {name: _gate(problem, state, beside, other) for name, other in without.items()}
     return {name: why for name, why in failed.items() if why}
 
 
 def _gate(problem: Problem, state: SearchState, beside: _Weighed, absent: _Weighed) -> str:
-    """Return the gate that an effect does not pass, from the models with and without it; "" if it passes all."""
+    """Return why an effect fails a gate, from the models with and without it; "" if it passes all."""
     return unfit(beside.model, absent.model) or useless(
         beside.model, beside.prediction, absent.model, absent.prediction, state.floors, problem.config
     )
 
 
 def _one_too_many(problem: Problem, state: SearchState, without: Mapping[str, _Weighed], failed: str) -> str:
-    """Return which effect leaves where one failed: a lesser one without which that passes, else that one itself."""
+    """Return the effect to remove: a weaker effect without which ``failed`` passes, otherwise ``failed`` itself."""
     lesser = [name for name in without if without[name].model.bic < without[failed].model.bic]
     for name in sorted(lesser, key=lambda name: without[name].model.bic):
         beside = without[name]
@@ -129,7 +131,7 @@ def _lpd(prediction: Prediction | None) -> float:
 
 
 def _last_scores(state: SearchState) -> dict[str, float]:
-    """Return the score of every effect at the best point of its grid, in the last step that scored it."""
+    """Return the score of every effect at the best point of its grid, from the last step that scored it."""
     scores: dict[str, float] = {}
     for step in state.steps:
         screening = step.screening

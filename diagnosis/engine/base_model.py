@@ -1,15 +1,15 @@
-"""Step 2, base parameters first: the simulation that a user trusts, with every parameter of it at its best fit.
+"""Step 2, base parameters: fit all parameters of the user's simulation.
 
 Theory of operation
 -------------------
-No two specimens are alike. Zeros of sensors, volumes, areas and stiffnesses lie within tolerances which the simulator
-declares as priors (`contracts.Nuisance`). A base model that is frozen at wrong values leaves errors that look like an
-effect. So the base parameters are never frozen: they are fitted here, before anything is judged, and again with every
+No two specimens are alike. Zeros of sensors, volumes, areas and stiffnesses lie within tolerances, which the simulator
+declares as priors (`contracts.Nuisance`). A base model with fixed wrong values leaves errors that look like an effect.
+So the base parameters are never fixed: they are fitted here, before any effect is tested, and again with every
 hypothesis (`trials.py`), by penalised least squares (`fitting/fit.py`).
 
-This first fit knows no noise yet. It takes that of the data sheet, or the raw error where there is none, as white: it
-only has to come near enough for the footprints of step 4 to be taken at the right place. What follows from the noise of
-step 3 is fitted again under it.
+The noise is still unknown in this first fit. It assumes white noise with the size from the data sheet, or of the raw
+error if there is none. This is accurate enough for the footprints of step 4. After step 3 the model is fitted again
+with the estimated noise.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from diagnosis.engine.noise import quietest, white
 
 
 def fit_base_model(replay: Replay) -> Point:
-    """Return the base model at its best fit under white noise, to be near before anything is judged."""
+    """Return the base model fitted under white noise, a first approximation."""
     point = base_point(replay.simulator.nuisances, replay.records)
     residuals = replay.residuals(replay.predictions(point))
     deviations = []
@@ -36,7 +36,7 @@ def fit_base_model(replay: Replay) -> Point:
 
 
 def without_effects(point: Point) -> Point:
-    """Return the base model's part of a point: no effect, no surface."""
+    """Return a point without its effects and surfaces: the base model."""
     for owner in point.owners:
         point = point.without(owner)
     return point

@@ -1,15 +1,15 @@
-"""Step 9, before: the base model at its best, which the extended model has to beat.
+"""Step 9, before: the best base model, the reference for the gain.
 
 Theory of operation
 -------------------
-A gain means something over the best that the base model can do. Fitted under the noise of the extended model it is not
-at its best: that noise is the residual with the causes included. Its filter passes signals that the base model could
-follow, and gives weight to those that it cannot. On a system with hysteresis the error of a base model was three times
-too large.
+The gain is measured from the best fit of the base model. A fit under the noise of the extended model is not the best
+one, because this noise is the residual with the causes included. Its filter gives a small weight to signals that the
+base model can follow, and a large weight to others. On a system with hysteresis the error of the base model was three
+times too large.
 
-So the base model is fitted twice more: under noise estimated from its own errors, and by plain least squares, each
-channel weighed by what the base model leaves of it. Whichever of the three predicts the reported runs best is what the
-gain is measured from. It may look at them, since it is to be beaten there.
+So the base model is fitted twice more: under noise estimated from its own residuals, and by plain least squares, each
+channel weighted by its own residual. The fit that predicts the reported runs best is the reference. This choice may use
+the reported runs, because it can only make the gain smaller.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from diagnosis.engine.noise import Noise, estimate, quietest, white
 
 
 def best_before(base: FittedModel, after: Prediction, floors: Array) -> tuple[FittedModel, Prediction]:
-    """Return the base model fitted as predicts the runs of ``after`` best, and that prediction.
+    """Return the fit of the base model that predicts the runs of ``after`` best, and its prediction.
 
-    ``base`` is its fit under the noise of the extended model, ``after`` what that predicts with its numbers fixed, and
-    ``floors`` (c,) are what noise alone leaves in each channel.
+    ``base`` is the fit under the noise of the extended model, ``after`` the prediction of the extended model with fixed
+    numbers, ``floors`` (c,) the noise of each channel.
     """
     fits = [base]
     for noise in _noises(base):
@@ -37,7 +37,7 @@ def best_before(base: FittedModel, after: Prediction, floors: Array) -> tuple[Fi
 
 
 def noise_ratio(prediction: Prediction, floors: Array) -> float:
-    """Return the RMSE of a prediction over the noise, all channels together; NaN where nothing counts."""
+    """Return RMSE of a prediction divided by the noise, over all channels; NaN if no sample counts."""
     total, count = 0.0, 0
     for run, predicted in zip(prediction.replay.runs, prediction.outputs, strict=True):
         error = ((run.outputs - predicted) / floors)[run.counted]
@@ -46,18 +46,18 @@ def noise_ratio(prediction: Prediction, floors: Array) -> float:
 
 
 def plain_noise(model: FittedModel) -> Noise:
-    """Return white noise as large in each channel as what a model leaves there."""
+    """Return white noise with the size of the residual of a model in each channel."""
     return _white(model, _own_noise(model))
 
 
 def _noises(base: FittedModel) -> tuple[Noise, Noise]:
-    """Return the noise of the base model's own errors, coloured as they are and white."""
+    """Return the noise estimated from the base model's residual: coloured, and white."""
     coloured = _own_noise(base)
     return coloured, _white(base, coloured)
 
 
 def _own_noise(model: FittedModel) -> Noise:
-    """Return the noise of a model's own errors."""
+    """Return the noise estimated from a model's own residual."""
     channels, runs = model.replay.simulator.channels, model.replay.runs
     residuals = model.replay.residuals(model.predictions)
     return estimate(channels, residuals, [run.counted for run in runs], spent=len(model.point.numbers))

@@ -1,10 +1,10 @@
-"""Step 8, warnings before the verdict: base parameters far from their priors, whatever was named.
+"""Step 8, warnings before the verdict: base parameters that are far from their priors.
 
-A prior that is contradicted by ten of its standard deviations is wrong, or the data are not as assumed: a unit, a sign,
-a bore. A cause named together with such a number is named for a system that does not exist.
+If a parameter is ten standard deviations from its prior, the prior is wrong, or the data have another unit, sign or
+dimension than assumed. A cause that is named together with such a parameter is not valid.
 
-A base parameter that is beyond belief in the model without the causes, and credible with them, has imitated them: the
-base model may then predict as well as the extended one, and the prior alone supports the causes.
+A base parameter that is far from its prior without the causes, and near to it with them, imitates the causes. The base
+model may then predict as well as the extended one, and only the prior supports the causes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from diagnosis.finding import Imitation
 
 
 def contradicted(model: FittedModel) -> list[str]:
-    """Return sentences on the base parameters of a fitted model that lie far outside of their priors."""
+    """Return a sentence for each base parameter of a fitted model that is far outside its prior."""
     pairs = zip(model.point.coordinates, model.point.numbers, strict=True)
     far = [(abs(float(u)), c) for c, u in pairs if c.weight and not c.owner and abs(u) > CONTRADICTED_PRIOR]
     sentences = []
@@ -33,7 +33,9 @@ def contradicted(model: FittedModel) -> list[str]:
 
 
 def imitations(base: FittedModel, extended: FittedModel) -> list[Imitation]:
-    """Return the parameters by which the base model imitates the causes of the extended one, the farthest first."""
+    """Return the parameters by which the base model imitates the causes of the extended one, the largest deviation
+    first.
+    """
     found = []
     for coordinate, number in zip(base.point.coordinates, base.point.numbers, strict=True):
         with_causes = float(extended.point.numbers[extended.point.place(coordinate)])
@@ -58,7 +60,7 @@ def imitations(base: FittedModel, extended: FittedModel) -> list[Imitation]:
 
 
 def _believed(coordinate: Coordinate, model: FittedModel) -> tuple[float, float, float]:
-    """Return the fitted value, its prior's centre and its standard deviation, in the unit that people read."""
+    """Return the fitted value, the centre of its prior and the prior's standard deviation, in display units."""
     parameter, number = coordinate.parameter, model.point.numbers[model.point.place(coordinate)]
     value, nominal, spread = (
         float(one) / parameter.scale

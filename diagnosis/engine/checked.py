@@ -1,16 +1,16 @@
-"""Step 9, checks: what plans would measure on the rig, as three models predict it.
+"""Step 9, checks: predict with three models the figures that test plans measure on the rig.
 
 Theory of operation
 -------------------
-Where the base model imitates a cause, unseen runs of the plan that it was fitted to may gain nothing by the cause. The
-difference shows in other plans. So the figures of their checks are predicted by the stock model (nominal parameters),
-the tuned one (the base model at its best) and the extended one. The uncertainty of the extended one is the scatter of
-its predictions over draws from the covariance of its numbers.
+If the base model imitates a cause, unseen runs of the same plan may show no gain. Other plans show the difference. So
+the figures of their checks are predicted by the stock model (nominal parameters), the tuned one (the best base model)
+and the extended one. The uncertainty of the extended model is the scatter of its predictions over draws from the
+covariance of its numbers.
 
-A planned experiment states how it begins: errors of the sensors that a record would show that by stay nominal there.
-Where a run together with the data holds a figure, the row is of this run: all models are replayed through its own
-motion, and the uncertainty includes what its own nuisances and the noise of its sensors add. No number is fitted to it.
-If it shows an error of the tuned model, and the extended one has much less of it, the cause has gained on unseen data.
+A planned experiment has a given initial state, so the errors of the sensors that measure it stay nominal. If a run in
+the data contains a figure, the row is for this run: all models replay its measured motion, and the uncertainty includes
+its own nuisances and the noise of its sensors. No number is fitted to it. If it shows an error of the tuned model, and
+a much smaller one of the extended model, the cause improves the prediction of unseen data.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ def predicted_checks(
     *,
     seed: int,
 ) -> list[CheckPrediction]:
-    """Return the figures of the planned experiments, and instead of them those of runs in ``Dataset.beside``, if any.
+    """Return the figures of the planned experiments. A run in ``Dataset.beside`` with the same figure replaces the
+    plan.
 
     ``covariance`` (k, k) is that of the numbers of ``after``. A system without ``checks`` has no figures.
     """
@@ -68,7 +69,9 @@ def predicted_checks(
 
 
 def gained(rows: Sequence[CheckPrediction]) -> bool:
-    """Return whether measured figures show an error of the tuned model, and the extended one has much less of it."""
+    """Return whether measured figures show an error of the tuned model, and a much smaller one of the extended
+    model.
+    """
     arms = [
         (one.measured - one.tuned, one.measured - one.extended, one.uncertainty / Z95)
         for one in rows
@@ -82,13 +85,13 @@ def gained(rows: Sequence[CheckPrediction]) -> bool:
 
 
 def confirmed(causes: Sequence[Cause], rows: Sequence[CheckPrediction]) -> list[Cause]:
-    """Return the causes, a suspected one named if figures of other plans confirm it: if it is the only one."""
+    """Return the causes. A single suspected cause becomes a named one if figures of other plans confirm it."""
     alone = len(causes) == 1 and causes[0].status == SUSPECTED
     return [replace(causes[0], status=NAMED)] if alone and gained(rows) else list(causes)
 
 
 def _rows(figures: Sequence[Figures]) -> list[CheckPrediction]:
-    """Return a row for each figure of the stock, tuned and extended model and of all draws."""
+    """Return a row for each figure, from the stock, tuned and extended model and all draws."""
     stock, tuned, extended, *others = figures
     return [
         CheckPrediction(
@@ -110,7 +113,7 @@ def _figures(
     models: Models,
     rng: np.random.Generator | None = None,
 ) -> list[Figures]:
-    """Return the figures of an experiment by the stock model and by all ``models``; ``rng``: draws are noisy."""
+    """Return the figures of an experiment by the stock model and by all ``models``. With ``rng`` draws get noise."""
     simulator = model.replay.simulator
     noise = np.array([channel.noise for channel in simulator.channels])
     jobs = [Job(experiment, parameters, effects) for parameters, effects in (({}, {}), *models)]
@@ -127,14 +130,14 @@ def _named(model: FittedModel, outputs: Array) -> dict[str, Array]:
 
 
 def _planned(checks: CheckFigures, point: Point) -> dict[str, float]:
-    """Return the shared parameters of a model but for those that a planned experiment states."""
+    """Return the shared parameters of a model, without those that a planned experiment gives."""
     return {name: value for name, value in point.parameters("").items() if not checks.states(name)}
 
 
 def _begun(
     point: Point, run: MeasuredRun, rng: np.random.Generator | None
 ) -> tuple[dict[str, float], Effects]:
-    """Return a model for a run that it was not fitted to, whose own nuisances are nominal, or drawn."""
+    """Return a model for a run outside of its fit. The run's own nuisances are nominal, or drawn with ``rng``."""
     record = run.experiment.record
     there = point.with_records([record])
     if rng is not None:

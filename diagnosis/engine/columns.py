@@ -1,12 +1,13 @@
-"""Columns of a linear model on one run: of the samples that count only, channel after channel, without empty rows.
+"""Columns of a linear model on one run, packed: only samples that count, channel after channel, without empty rows.
 
 Theory of operation
 -------------------
-About half of all samples are missing or do not count, and most columns move few channels: the zero of a sensor moves
-its own, a leak on the left nothing on the right. So the samples that count are packed one channel after the other
-(`Packing`), and each channel keeps those columns only that move it at all (`Trace`). Inner products are sums over
-channels; they are made in double precision, whatever precision the columns are kept in. Those of each channel are kept
-as long as both columns are: many linearisations share columns, and white noise only divides them by a number.
+About half of all samples are missing or do not count, and most columns change few channels: the zero of a sensor
+changes only its own channel, a leak on the left nothing on the right. So the samples that count are packed one channel
+after the other (`Packing`), and each channel stores only the columns that change it (`Trace`). Inner products are sums
+over channels, computed in double precision, also from single-precision columns. The inner products of each channel are
+cached while both columns exist, because many linearisations share columns, and white noise only divides them by a
+number.
 """
 
 from __future__ import annotations
@@ -31,10 +32,10 @@ Places = NDArray[np.intp]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Packing:
-    """Where the N samples ``counted`` (n, c) of a run lie once they are packed: channel after channel, each in time.
+    """The positions of the N samples ``counted`` (n, c) of a run after packing: channel after channel, sorted by time.
 
-    ``places`` (N,) are those in the flattened outputs, ``instants`` (N,) those in their channels, ``bounds`` (c + 1,)
-    the ends of the channels among the packed.
+    ``places`` (N,) are their indices in the flattened outputs, ``instants`` (N,) their indices in time, ``bounds`` (c +
+    1,) the ends of the channels in the packed array.
     """
 
     counted: Mask
@@ -48,21 +49,21 @@ class Packing:
         return self.bounds[-1]
 
     def channel(self, c: int) -> slice:
-        """Return where the samples of one channel lie."""
+        """Return the slice of one channel in the packed array."""
         return slice(self.bounds[c], self.bounds[c + 1])
 
     def pack(self, values: AnyFloats) -> AnyFloats:
-        """Return the samples that count (N,) of (n, c)."""
+        """Return the samples of ``values`` (n, c) that count (N,)."""
         return values.ravel()[self.places]
 
     def spread(self, packed: Array) -> Array:
-        """Return packed samples (N,) in their places (n, c); 0 where nothing counts."""
+        """Return packed samples (N,) as an array (n, c); 0 where a sample does not count."""
         values = np.zeros(self.counted.size)
         values[self.places] = packed
         return values.reshape(self.counted.shape)
 
     def blocks(self, length: int) -> Places:
-        """Return where the samples of each stretch of so many instants end, in each channel (c, b + 1)."""
+        """Return the borders (c, b + 1) of blocks of ``length`` instants among the packed samples of each channel."""
         ends = np.minimum(np.arange(0, len(self.counted) + length, length), len(self.counted))
         before = np.concatenate(
             (np.zeros((1, self.counted.shape[1]), np.intp), np.cumsum(self.counted, axis=0))
@@ -71,7 +72,7 @@ class Packing:
 
 
 def packing_of(run: MeasuredRun) -> Packing:
-    """Return how the samples of a run that count are packed."""
+    """Return the packing of the samples of a run that count."""
     counted = run.counted
     return _packing(counted.shape, counted.tobytes())
 
@@ -85,7 +86,7 @@ def _packing(shape: tuple[int, int], mask: bytes) -> Packing:
 
 
 class Products:
-    """The inner products of one array of samples with others, each kept as long as both live."""
+    """The inner products of one array of samples with others. Each is cached while both arrays exist."""
 
     def __init__(self) -> None:
         self.known: WeakKeyDictionary[Products, Array] = WeakKeyDictionary()
@@ -93,9 +94,9 @@ class Products:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trace:
-    """One channel of some columns: ``values`` (m, N), each times the ``scale``, of those ``rows`` (m,) that move it.
+    """One channel of some columns: ``values`` (m, N) times ``scale``; ``rows`` (m,) are the columns that change it.
 
-    Traces that differ in scale alone share their ``products``.
+    Traces that differ only in scale share their ``products``.
     """
 
     rows: Places
@@ -104,7 +105,7 @@ class Trace:
     products: Products = field(default_factory=Products)
 
     def scaled(self, factor: float) -> Trace:
-        """Return the trace times a number."""
+        """Return the trace times ``factor``."""
         return replace(self, scale=factor * self.scale)
 
     def against(self, other: Trace) -> Array:
@@ -121,7 +122,7 @@ class Trace:
 
 
 class Columns:
-    """Sensitivities of one run to so many (``size``) numbers, as the traces of its channels; never changed.
+    """Sensitivities of one run to ``size`` numbers, as the traces of its channels; immutable.
 
     `let_go` releases the memory of large ones; they cannot be used afterwards.
     """
@@ -132,7 +133,7 @@ class Columns:
 
     @property
     def _slices(self) -> list[slice]:
-        """Where the samples of each channel lie among the packed."""
+        """The slice of each channel in the packed array."""
         ends = np.cumsum([trace.values.shape[1] for trace in self.traces]).tolist()
         return [slice(start, stop) for start, stop in pairwise((0, *ends))]
 
@@ -176,7 +177,7 @@ class Columns:
         return made
 
     def plus(self, packed: Array, numbers: Array) -> Columns:
-        """Return the columns with packed samples (N,) added to each, times its number."""
+        """Return the columns; to each, the packed samples (N,) times its number are added."""
         traces = []
         for trace, inside in zip(self.traces, self._slices, strict=True):
             values = np.outer(numbers, packed[inside])
@@ -185,7 +186,7 @@ class Columns:
         return Columns(self.size, traces)
 
     def chosen(self, places: Sequence[int]) -> Columns:
-        """Return some of the columns, in the order of their ``places``; neighbours are not copied."""
+        """Return the columns at ``places``, in this order. Neighbours are views, not copies."""
         if list(places) == list(range(self.size)):
             return self
         order = np.full(self.size, -1)
@@ -197,24 +198,24 @@ class Columns:
         return Columns(len(places), traces)
 
     def let_go(self) -> None:
-        """Release the memory, also if other objects hold these columns; they must not be used again."""
+        """Release the memory, even if other objects hold these columns. They must not be used again."""
         del self.traces
 
     def among(self, places: Sequence[int], size: int) -> Columns:
-        """Return the columns at their ``places`` among ``size``, the others 0."""
+        """Return ``size`` columns: these at ``places``, the others 0."""
         order = np.asarray(places, np.intp)
         return Columns(size, [replace(trace, rows=order[trace.rows]) for trace in self.traces])
 
 
 def _stretch(places: Places) -> Places | slice:
-    """Return increasing ``places`` as a slice if they are neighbours: it makes a view."""
+    """Return increasing ``places`` as a slice, which makes a view, if they are neighbours."""
     if len(places) and places[-1] - places[0] == len(places) - 1:
         return slice(int(places[0]), int(places[-1]) + 1)
     return places
 
 
 class JoinedColumns(Columns):
-    """Columns of several ``parts``, one after the other; what belongs to a part is not copied."""
+    """Columns of several ``parts``, one after the other, without copies."""
 
     def __init__(self, parts: Sequence[Columns]) -> None:
         super().__init__(sum(part.size for part in parts), ())
@@ -245,12 +246,12 @@ class JoinedColumns(Columns):
         return np.asarray(sum(part.along(own) for part, own in zip(self.parts, split, strict=True)))
 
     def plus(self, packed: Array, numbers: Array) -> Columns:
-        """Return the columns with packed samples (N,) added to each, times its number."""
+        """Return the columns; to each, the packed samples (N,) times its number are added."""
         split = np.split(numbers, self._ends[:-1])
         return JoinedColumns([part.plus(packed, own) for part, own in zip(self.parts, split, strict=True)])
 
     def chosen(self, places: Sequence[int]) -> Columns:
-        """Return some of the columns, in the order of their ``places``."""
+        """Return the columns at ``places``, in this order."""
         found = []
         for k, inside in groupby(places, key=lambda place: int(np.searchsorted(self._ends, place, "right"))):
             start = int(self._ends[k]) - self.parts[k].size
@@ -259,12 +260,12 @@ class JoinedColumns(Columns):
 
     @property
     def _ends(self) -> Places:
-        """Where each part ends among all columns."""
+        """The end index of each part among all columns."""
         return np.cumsum([part.size for part in self.parts])
 
 
 class ColumnsInWork:
-    """Columns of one run that are made one by one, in any order and by several threads."""
+    """Columns of one run that are filled one by one, in any order and by several threads."""
 
     def __init__(self, packing: Packing, size: int) -> None:
         self._packing, self._size = packing, size
@@ -272,7 +273,7 @@ class ColumnsInWork:
         self._moved = np.zeros((size, len(self._values)), bool)
 
     def put(self, place: int, outputs: Array, predictions: Array, distance: float = 1.0) -> None:
-        """Keep the column at a place: how far outputs (n, c) are from predictions per distance, in single precision."""
+        """Store the column at ``place``: (outputs − predictions) / distance, both (n, c), in single precision."""
         packed, moved = np.empty(self._packing.size, np.float32), self._moved[place]
         bounds = np.array(self._packing.bounds)
         # A simulator that leaves each channel in one piece spares this a copy.
@@ -282,7 +283,7 @@ class ColumnsInWork:
             self._values[c][place] = packed[self._packing.channel(c)]
 
     def done(self) -> Columns:
-        """Return the columns, all of which have been put, and keep nothing."""
+        """Return the columns and release the memory. All columns must have been put."""
         traces = []
         for c, rows in enumerate(map(np.flatnonzero, self._moved.T)):
             values, self._values[c] = self._values[c], room((0, 0))
@@ -294,7 +295,7 @@ class ColumnsInWork:
 
 
 def columns_of(packing: Packing, values: AnyFloats) -> Columns:
-    """Return columns (k, n, c) packed."""
+    """Return columns (k, n, c) in packed form."""
     work = ColumnsInWork(packing, len(values))
     for k, row in enumerate(values):
         work.put(k, row, np.zeros_like(row))
@@ -308,7 +309,7 @@ def mixed(parts: Sequence[Columns], weights: Array) -> Columns:
 
 
 def _mixed(parts: Sequence[Trace], weights: Array, zeros: Callable[..., AnyFloats]) -> Trace:
-    """Return one channel of such a sum, in an array from ``zeros``."""
+    """Return one channel of the sum of `mixed`, in an array allocated by ``zeros``."""
     moved = [np.flatnonzero(weight[trace.rows] != 0.0) for trace, weight in zip(parts, weights, strict=True)]
     places = [trace.rows[mine] for trace, mine in zip(parts, moved, strict=True)]
     rows = np.unique(np.concatenate(places))
@@ -321,7 +322,9 @@ def _mixed(parts: Sequence[Trace], weights: Array, zeros: Callable[..., AnyFloat
 
 
 def apart(first: Columns, second: Columns, scales: Array) -> Array:
-    """Return how far two sets of k columns are apart: sums of squares (k,), channels in their ``scales`` (c,)."""
+    """Return the sums of squares (k,) of the difference of two sets of k columns, channels scaled by ``scales``
+    (c,).
+    """
     signs = np.outer((1.0, -1.0), np.ones(first.size))
     # One channel after the other, in the same memory: else new pages would be allocated for each.
     pairs = zip(first.traces, second.traces, strict=True)
@@ -329,7 +332,7 @@ def apart(first: Columns, second: Columns, scales: Array) -> Array:
 
 
 def squares(columns: Columns, scales: Array) -> Array:
-    """Return the sums of squares of k columns (k,), channels in their ``scales`` (c,)."""
+    """Return the sums of squares (k,) of k columns, channels scaled by ``scales`` (c,)."""
     return _squares(columns.size, columns.traces, scales)
 
 

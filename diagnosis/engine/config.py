@@ -1,12 +1,12 @@
 """Settings of a diagnosis, and all its levels and limits, in the order of the steps that use them.
 
-``Config`` is what a caller may change. The constants below it were chosen once and measured with it: the rates of false
-alarms and of right names in studies/docs/diagnosis-benchmark.md hold for these numbers. A change of any of them is a
-change of the method, to be measured again.
+A caller may change ``Config``. The constants below it belong to the method: the rates of false alarms and of correct
+names in studies/docs/diagnosis-benchmark.md hold for these numbers. After any change of a constant the rates must be
+measured again.
 
 Terms: χ² is the sum of squares of whitened residuals; *penalised* χ² adds the squares of the parameters in units of
 their prior spread (minus twice the log of the posterior density, up to a constant). λ is the norm of a footprint after
-the base model was refitted, in standard deviations of the noise. lpd is the log predictive density of the select runs.
+a refit of the base model, in standard deviations of the noise. lpd is the log predictive density of the select runs.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Final
 
 @dataclass(frozen=True, slots=True)
 class Config:
-    """What a caller may choose; the defaults are those under which the rates of the reference were measured."""
+    """Options of a caller. The published rates were measured with the defaults."""
 
     alpha: float = (
         0.003  #: step 5: probability that any score exceeds the threshold in data that hold nothing

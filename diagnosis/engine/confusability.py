@@ -1,17 +1,17 @@
-"""With the verdict (step 8): which effects these runs cannot distinguish , and how large an unseen one may be.
+"""With the verdict (step 8): effects that these runs cannot distinguish, and detection limits.
 
 Theory of operation
 -------------------
-Both follow from the projected footprints of step 4, whatever the data say. Two effects whose footprints have a cosine
-ρ differ by a BIC gap of about λ²(1 − ρ²) if one is fitted in the other's stead; below 10 the pair is called
-inseparable (`confusability`).
+Both follow from the projected footprints of step 4 and do not depend on the measured outputs. If the footprints of two
+effects have a cosine ρ and one is fitted instead of the other, their BIC differs by about λ²(1 − ρ²). Below 10 the pair
+is called inseparable (`confusability`).
 
-An effect that was not found is injected into the present residual (`unseen`). In the linear model around the fit it
-adds its λ to the score that it has there, whichever sign that has, and what it adds must pass the gates of step 6: the
-threshold, the price of its parameters by BIC, and what the causes together with it may be rough by. It does in 95 % of
-cases where λ lies above the highest of these by the 95 % quantile of a normal score, and by the present score where
-that contradicts it. Divided by λ per unit of amplitude, that is the smallest size that would have been found. Where
-more than the noise remains, that rest decides what passes, and no size is reported.
+For an effect that was not found, `unseen` adds it to the present residual in the linear model around the fit. There its
+λ adds to its present score, of either sign. The sum must pass the gates of step 6: the threshold, the penalty of its
+parameters by BIC, and the roughness of the accepted causes. It passes in 95 % of cases if λ exceeds the highest of
+these limits by the 95 % quantile of a normal score, and by the present score if that has the opposite sign. This λ,
+divided by λ per unit of amplitude, is the smallest detectable size. If the residual exceeds the noise, no size is
+reported, because then the residual decides which effects pass.
 """
 
 from __future__ import annotations
@@ -40,10 +40,11 @@ from diagnosis.finding import Confusability, Pair, Unseen
 
 
 def confusability(screening: Screening) -> Confusability:
-    """Cosines of the footprints of all effects, each pair at the points of their grids where they are most alike.
+    """Return the cosines of the footprints of all pairs of effects, at the points of their grids with the largest
+    cosine.
 
-    An effect as large as its prior spread has a certain λ in these runs; the predicted BIC gap to another one that
-    is fitted in its stead is λ²(1 − cosine²), and under 10 the pair is called inseparable.
+    λ is that of an effect as large as its prior spread. The predicted BIC gap to another effect that is fitted instead
+    of it is λ²(1 − cosine²). Below 10 the pair is called inseparable.
     """
     names = list(dict.fromkeys(c.effect.name for c in screening.candidates))
     places = {n: [i for i, c in enumerate(screening.candidates) if c.effect.name == n] for n in names}
@@ -71,13 +72,13 @@ def confusability(screening: Screening) -> Confusability:
 
 
 def typical(screening: Screening) -> Array:
-    """λ (m,) of every candidate as large as its prior spread."""
+    """Return λ (m,) of every candidate with an amplitude as large as its prior spread."""
     return screening.root_information * np.array([c.effect.amplitude.spread for c in screening.candidates])
 
 
 @dataclass(frozen=True, slots=True)
 class Company:
-    """Context for a further effect: the χ² that the causes explain, samples, and the error over the noise."""
+    """The context of a further effect: χ² explained by the causes, number of samples, ratio of error to noise."""
 
     explained: float
     samples: int
@@ -86,11 +87,11 @@ class Company:
 
     @property
     def quiet(self) -> bool:
-        """Whether no more than the noise remains."""
+        """Whether the residual does not exceed the noise."""
         return not self.noise_ratio**2 > FLOOR_SLACK
 
     def gates(self, threshold: float, parameters: int) -> float:
-        """Return the λ that passes the gates of step 6, for an effect of so many parameters."""
+        """Return the smallest λ that passes the gates of step 6, for an effect with this number of parameters."""
         rough = self.config.rough**2 * self.explained + threshold**2 if self.explained else 0.0
         return math.sqrt(max(threshold**2, parameters * math.log(self.samples), rough))
 
@@ -98,10 +99,10 @@ class Company:
 def unseen(
     screening: Screening, linearisation: Linearisation, company: Company, found: Collection[str] = ()
 ) -> list[Unseen]:
-    """For each effect that was not found, the smallest one that would have been found in 95 % of cases.
+    """Return for each effect that was not found the smallest size that would be found in 95 % of cases.
 
-    It holds for the point of the grid where the effect is most visible. ``linearisation`` is what the scores were
-    projected on.
+    The size holds for the point of the grid where the effect is most visible. The scores were projected on
+    ``linearisation``.
     """
     names = [n for n in dict.fromkeys(c.effect.name for c in screening.candidates) if n not in found]
     result = []
@@ -161,6 +162,6 @@ def _with_unit(parameter: Parameter, value: float) -> str:
 
 
 def _unit(parameter: Parameter) -> str:
-    """The unit that people read; nothing for a pure number."""
+    """The display unit; "" for a pure number."""
     unit = parameter.display or parameter.unit
     return "" if unit == "1" else unit

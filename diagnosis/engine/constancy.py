@@ -1,30 +1,30 @@
-"""Step 8, constancy: whether a cause, and its effect on other parameters, is the same in all stretches.
+"""Step 8, constancy: test whether a cause, and its effect on other parameters, is the same in all stretches.
 
 Theory of operation
 -------------------
-A model whose form is a little wrong somewhere is imitated by whatever candidate comes nearest: rubber that forgets
-differently than the model says is paid by the gas. The noise does not show this, because the score of the impostor is
-real. But an impostor is nowhere quite right: here it would have to be larger, there smaller or of the other sign, and
-with it the base parameters that make room for it. A true cause is the same everywhere.
+If an equation of the model is slightly wrong, the most similar candidate imitates the error. For example, a wrong
+relaxation of the rubber looks like an effect of the gas. The score of the wrong candidate is significant, so a
+comparison with the noise does not show the mistake. But a wrong candidate would need another size or sign in each
+stretch, and so would the base parameters that change with it. A true cause is the same everywhere.
 
 This is Chow's test for the constancy of parameters (Econometrica 28:591, 1960), in the two directions that belong to
-the cause: its column c, and its imitation by the other parameters, X β. Every run is cut into stretches. Each stretch b
-gets a separate amount of each, D_b = (c, X β), in the linear model around the fit. By how much χ² would fall, less what
-chance does, is
+the cause: its column c, and its imitation by the other parameters, X β. Every run is cut into stretches. In the linear
+model around the fit each stretch b gets separate amounts of both, D_b = (c, X β). The decrease of χ², minus its
+expected value by chance, is
 
     E = Σ_b |P_b r_b|² − Σ_b (rank D_b − tr D_b⁺ X_b J⁻¹ X_bᵀ D_b⁺ᵀ),   P_b = D_b D_b⁺,
 
-with the whitened residual r_b and the information J of the fit, priors included: r has the covariance 1 − X J⁻¹ Xᵀ if
-the form is right, and E a mean of 0. It is tested on whole runs, their halves, quarters and eighths: slow changes show
-in the former, changes with each motion in the latter.
+with the whitened residual r_b and the information J of the fit, priors included: If the equations are right, r has the
+covariance 1 − X J⁻¹ Xᵀ, and E a mean of 0. The test uses whole runs, their halves, quarters and eighths: long stretches
+show slow changes, short ones changes with each motion.
 
-Sound rigs exceed chance too, because measured motions are inexact: each effect has its own factor, measured on rigs in
-which nothing is hidden (`Hypothesis.overdispersion`), and that much is no news of the form.
+Rigs without hidden effects exceed chance too, because measured motions are inexact. Each effect has a factor for this,
+measured on such rigs (`Hypothesis.overdispersion`).
 
-The excess of E over both is the part of the misfit that the form of the model owes where the cause is distinguished
-from. A cause whose own λ² is not clearly larger may be owed to the same, and is not named. In all other directions the
-form may owe what it will. A healthy bench has some seventy of them in each stretch, and a little is wrong in each.
-Together that is a χ² of hundreds, and nothing of it looks like a leak.
+The excess of E over both is the misfit from wrong equations in the directions of the cause. A cause whose own λ² is not
+clearly larger may come from the same errors, and is not named. Errors in all other directions do not matter here. A
+bench without hidden effects has about seventy directions in each stretch, with a small error in each. Together they
+have a χ² of hundreds, and none of them looks like a leak.
 """
 
 from __future__ import annotations
@@ -42,14 +42,16 @@ from diagnosis.engine.search_state import Accepted
 
 
 def owed_to_form(model: FittedModel, accepted: Sequence[Accepted]) -> tuple[str, ...]:
-    """Return the accepted effects of a fitted model whose trace is not clear of what its form owes."""
+    """Return the accepted effects of a fitted model whose λ² is not clearly above the misfit of its equations."""
     return tuple(
         one.effect for one in accepted if one.lambda_**2 < CLEAR_OF_FORM**2 * inconstancy(model, one.effect)
     )
 
 
 def inconstancy(model: FittedModel, effect: str) -> float:
-    """Return the χ² by which an effect of each stretch's own explains more than on sound rigs; 0 where chance may."""
+    """Return the χ² of separate amplitudes per stretch in excess of rigs without hidden effects; 0 if not
+    significant.
+    """
     scatter = model.replay.simulator.catalogue[effect].overdispersion
     found = 0.0
     for chi2, freedom in changes(model, effect):
@@ -59,7 +61,7 @@ def inconstancy(model: FittedModel, effect: str) -> float:
 
 
 def changes(model: FittedModel, effect: str) -> list[tuple[float, float]]:
-    """Return the χ² that an effect of each stretch's own would explain, and its mean by chance, for each cutting."""
+    """Return, for each number of stretches, the χ² that separate amplitudes would explain, and its mean by chance."""
     linearisation = model.linearisation
     directions = _directions(linearisation, effect)
     covariance = inverse(linearisation.information)
@@ -79,7 +81,7 @@ def changes(model: FittedModel, effect: str) -> list[tuple[float, float]]:
 
 
 def _directions(linearisation: Linearisation, effect: str) -> Array:
-    """Return the numbers (2, k) that make the column of an effect's amplitude, and its best imitation by all others."""
+    """Return directions (2, k): the column of an effect's amplitude, and its best imitation by all other numbers."""
     information = linearisation.information
     amplitude = linearisation.point.place_of_amplitude(effect)
     others = np.arange(len(information)) != amplitude
@@ -90,7 +92,9 @@ def _directions(linearisation: Linearisation, effect: str) -> Array:
 
 
 def _stretches(block: Block, directions: Array) -> Array:
-    """Return the inner products (s, k, 3) of all columns with residual and directions in the stretches of a run."""
+    """Return the inner products (s, k, 3) of all columns with the residual and both directions, for each stretch of a
+    run.
+    """
     most = max(STRETCHES)
     edges = block.packing.blocks(-(-len(block.packing.counted) // most))
     edges = np.pad(edges, ((0, 0), (0, most + 1 - edges.shape[1])), "edge")  # a very short run has fewer
@@ -102,7 +106,7 @@ def _stretches(block: Block, directions: Array) -> Array:
 
 
 def _merged(values: Array, parts: int) -> Array:
-    """Return the sums over neighbours that leave so many ``parts``."""
+    """Return sums over neighbours, so that ``parts`` values are left."""
     merged: Array = values.reshape(parts, len(values) // parts, *values.shape[1:]).sum(axis=1)
     return merged
 
@@ -110,7 +114,7 @@ def _merged(values: Array, parts: int) -> Array:
 def _explained(directions: Array, products: Array, known: Array) -> tuple[float, float]:
     """Return the χ² that the directions (2, k) explain in a stretch, and its mean by chance.
 
-    ``products`` (k, 3) are those of `_stretches`, ``known`` (k, k) is the covariance of the fit's numbers.
+    ``products`` (k, 3) are those of `_stretches`; ``known`` (k, k) is the covariance of the fitted numbers.
     """
     mixed = products[:, 1:]
     gram = directions @ mixed

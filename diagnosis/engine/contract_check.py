@@ -1,19 +1,20 @@
-"""The contract of a simulator, tried on one experiment before a diagnosis is built on it.
+"""Checks that a simulator meets its contract, on one experiment before the diagnosis.
 
 Theory of operation
 -------------------
-A diagnosis rests on derivatives: of the outputs by each parameter, and by the amplitude of each effect at amplitude 0.
-A simulator that is no function of its arguments, that is not finite, or that has no derivative there ends in a wrong
-name or in an error far from its cause. So before anything is fitted, the first samples of a run are simulated
+A diagnosis uses derivatives of the outputs: by each parameter, and by the amplitude of each effect at amplitude 0. If
+outputs depend on more than the arguments, are not finite or have no derivative there, the diagnosis names a wrong
+cause, or fails far from the error. So before any fit, the first samples of a run are simulated
 
 * twice with another simulation between: the outputs must be the same bits;
 * with each base parameter at the ends of its range, or five prior deviations away where it has none;
 * with each effect at amplitude 0, where the outputs must be those without it, bit for bit;
-* with each effect at two small amplitudes, and on both sides of 0 where both are physical: the outputs must be
-  proportional to them (C¹). Where an ordinary size changes the outputs and a small one does not, there is none;
+* with each effect at two small amplitudes, and on both sides of 0 where both are physical: the changes of the outputs
+  must be proportional to them (C¹). If an ordinary size changes the outputs and a small one does not, the derivative is
+  missing;
 * with each effect and its shapes at the ends of their ranges.
 
-What cannot be seen on these samples, such as a stop that they do not reach, is not judged.
+Errors that these samples do not reach, such as an error at an end stop, are not found.
 """
 
 from __future__ import annotations
@@ -40,9 +41,9 @@ from diagnosis.estimates import percent
 
 
 def check_contract(simulator: Simulator, experiment: Experiment) -> None:
-    """Refuse a simulator that breaks `contracts.Simulator` on the first samples of an experiment.
+    """Raise DiagnosisError if a simulator breaks `contracts.Simulator` on the first samples of an experiment.
 
-    DiagnosisError names the effect and the parameters with their values, and what would be right.
+    The text names the effect and the parameters with their values, and the correct form.
     """
     _check_declarations(simulator)
     with np.errstate(all="ignore"):  # what is not finite is reported as such
@@ -57,7 +58,7 @@ def check_contract(simulator: Simulator, experiment: Experiment) -> None:
 
 
 def _check_declarations(simulator: Simulator) -> None:
-    """Refuse names that collide and numbers that contradict one another."""
+    """Raise DiagnosisError for names that collide and for numbers that contradict each other."""
     for name, effect in simulator.catalogue.items():
         where = f"{simulator.name}: the effect {name}"
         if effect.name != name:
@@ -109,7 +110,7 @@ def _parameters(simulator: Simulator) -> Iterator[Parameter]:
 
 
 def _beginning(experiment: Experiment) -> Experiment:
-    """Return the first samples of an experiment, which no one can write into."""
+    """Return the first samples of an experiment as read-only arrays."""
     inputs = {name: values[:CHECKED_SAMPLES].copy() for name, values in experiment.inputs.items()}
     for values in inputs.values():
         values.setflags(write=False)
@@ -157,7 +158,9 @@ class _Trial:
                 self.outputs({}, {effect.name: values | {shape.name: value}})
 
     def check_amplitude(self, effect: str, amplitude: Parameter, others: Mapping[str, float]) -> None:
-        """Refuse what is not absent at 0, or not proportional to a small amplitude."""
+        """Raise DiagnosisError if an effect changes outputs at amplitude 0, or is not proportional to a small
+        amplitude.
+        """
 
         def change(size: float) -> Array:
             return self.outputs({}, {effect: {amplitude.name: size, **others}}) - self.base
@@ -201,7 +204,7 @@ class _Trial:
             )
 
     def outputs(self, parameters: Mapping[str, float], effects: Effects) -> Array:
-        """Simulate with what differs from the base model; DiagnosisError where that is not finite."""
+        """Return the outputs with changed parameters or effects. Raises DiagnosisError if they are not finite."""
         merged = {**self.nominal, **parameters}
         outputs = simulate(self.simulator, Job(self.experiment, merged, effects))
         self._refuse_infinite(outputs, merged, effects)
@@ -223,12 +226,12 @@ def _share(part: Array, whole: Array) -> str:
 
 
 def _size(parameter: Parameter) -> float:
-    """The size that one expects of a parameter's deviation from its nominal value."""
+    """The expected deviation of a parameter from its nominal value."""
     return parameter.spread if 0.0 < parameter.spread < np.inf else STEPS_OF_SIZE * parameter.step
 
 
 def _ordinary(amplitude: Parameter) -> float:
-    """Return an ordinary amplitude, of the physical sign."""
+    """Return an amplitude of ordinary size and physical sign."""
     return (
         min(_size(amplitude), amplitude.high)
         if amplitude.high > 0.0
@@ -237,7 +240,7 @@ def _ordinary(amplitude: Parameter) -> float:
 
 
 def _ends(parameter: Parameter, far: float) -> Iterator[float]:
-    """Yield the ends of a parameter's range; so many spreads from its nominal value where it has none."""
+    """Yield the ends of a parameter's range; for an open end, ``far`` spreads from the nominal value."""
     for bound, away in ((parameter.low, -far), (parameter.high, far)):
         distance = away * _size(parameter)
         if isfinite(bound):

@@ -1,7 +1,7 @@
 """The whole diagnosis: from runs and a simulator to a finding, reproducible from its seed.
 
-The argument has nine steps; docs/explanation/how-the-diagnosis-works.md explains them with examples. Each has its file,
-with its theory of operation at the head; levels and limits of all of them are in `config.py`.
+The method has nine steps; docs/explanation/how-the-diagnosis-works.md explains them with examples. Each step has files
+that start with their theory of operation. All levels and limits are in `config.py`.
 
     1  residual           residual/panel.py
     2  base parameters    base_model.py, by fitting/
@@ -18,9 +18,8 @@ with its theory of operation at the head; levels and limits of all of them are i
     9  gain               before.py, gain.py, remainder.py; model_error.py and intervals.py (intervals);
                           goodness.py (each channel against its noise: it may contradict *no effect*)
 
-`diagnose` takes them in this order but for the first. The panel of step 1 looks at the base model in units of the
-noise, and the noise is known for good only when step 7 has been taken: the panel is computed then. Nothing depends on
-it.
+`diagnose` takes them in this order, except for the first. The panel of step 1 tests the residual of the base model in
+units of the noise. The noise is final only after step 7, so the panel is computed then. No other step uses it.
 """
 
 from __future__ import annotations
@@ -96,8 +95,8 @@ def diagnose(
 ) -> Finding:
     """Find the effects that the simulator lacks, their uncertainty, and the gain in prediction by adding them.
 
-    Runs that all have the same role are split by ``split``. ``menu`` holds the runs that the rig could do next, each
-    with its minutes; ``checks`` state what the models predict of plans.
+    If all runs have the same role, ``split`` assigns roles. ``menu`` holds runs that the rig could do next, each with
+    its minutes. ``checks`` compute the figures of plans that the models predict.
 
     Raises ``DiagnosisError`` for data or a request that cannot be diagnosed.
     """
@@ -125,7 +124,7 @@ def diagnose(
 
 
 def _chosen(catalogue: Mapping[str, Hypothesis], config: Config) -> dict[str, Hypothesis]:
-    """Return the part of the catalogue that is looked for."""
+    """Return the part of the catalogue that the diagnosis searches."""
     if config.effects is None:
         return dict(catalogue)
     for name in config.effects:
@@ -144,7 +143,7 @@ def _finding(
     menu: Sequence[Experiment],
     checks: CheckFigures | None,
 ) -> Finding:
-    """Compare both models and put everything that was concluded into the finding."""
+    """Compare the base model and the extended model, and return the finding with all results."""
     role, runs = held_back(data)
     judgement, after = _worthwhile(judgement, runs, config)
     found, extended, named = judgement.found, judgement.model, judgement.screened.model
@@ -199,7 +198,7 @@ def _finding(
 
 
 def _gain(before: Prediction, after: Prediction, floors: Array, role: str, config: Config) -> Comparison:
-    """Compare the models on the report runs; without such runs nothing is compared."""
+    """Compare the models on the report runs; without such runs the comparison is empty."""
     if config.with_gain and role == "report":
         return compare(before, after, floors, seed=config.seed)
     return Comparison()
@@ -225,7 +224,7 @@ def _reported(
 def _worthwhile(
     judgement: Judgement, runs: Sequence[MeasuredRun], config: Config
 ) -> tuple[Judgement, Prediction]:
-    """Return a judgement with what its model predicts of unseen runs; surfaces that make these worse are left out."""
+    """Return the judgement and its prediction of unseen runs, without surfaces that make the prediction worse."""
     after, named = predict(judgement.model, runs, fixed=True), judgement.screened.model
     if judgement.model is named:
         return judgement, after
@@ -239,7 +238,7 @@ def _worthwhile(
 def _differing(
     judged: Verdict, verdict: Verdict, models: tuple[FittedModel, FittedModel], data: Dataset, floors: Array
 ) -> str:
-    """Return a sentence that says so where the report runs changed the verdict; "" where they did not."""
+    """Return a sentence if the report runs changed the verdict; otherwise ""."""
     select = data.of("select")
     if verdict is judged or not data.of("report") or not select:
         return ""
@@ -257,7 +256,7 @@ def _differing(
 def _errors(
     role: Role, model: FittedModel, after: Prediction
 ) -> list[tuple[Role, list[tuple[MeasuredRun, Array]]]]:
-    """Return what a model leaves of the runs that it was fitted to, and of those of a prediction."""
+    """Return the residuals of a model on its fit runs, and of a prediction on its runs."""
     there = {"fit": (model.replay.runs, model.predictions), role: (after.replay.runs, after.outputs)}
     return [
         (one, [(run, run.outputs - outputs) for run, outputs in zip(runs, predicted, strict=True)])
@@ -266,7 +265,7 @@ def _errors(
 
 
 def _panel_aside(base: FittedModel, config: Config) -> Callable[[], list[PanelRow]]:
-    """Begin the panel of tests in another thread; return what waits for its rows."""
+    """Start the panel of tests in another thread; return a function that waits for its rows."""
     return aside(
         config.workers,
         lambda: panel(base, seed=config.seed, alpha=PANEL_FDR) if config.with_panel else [],
@@ -274,7 +273,7 @@ def _panel_aside(base: FittedModel, config: Config) -> Callable[[], list[PanelRo
 
 
 def _not_seen(judgement: Judgement, left: Remainder, config: Config) -> list[Unseen]:
-    """Return how large an effect that was not found would have had to be."""
+    """Return the detection limit of each effect that was not found."""
     screened, accepted = judgement.screened, judgement.found.accepted
     company = Company(sum(a.lambda_**2 for a in accepted), screened.model.samples, left.after, config)
     return unseen(screened.screening, screened.model.linearisation, company, [one.effect for one in accepted])
@@ -285,7 +284,7 @@ def verdict_on(
 ) -> Verdict:
     """Return the verdict that the data allow.
 
-    That nothing was found shows nothing in data that are in doubt, and is contradicted by errors above the noise.
+    A verdict of no effect is not valid if the data are in doubt, or if errors exceed the noise.
     """
     if verdict is not Verdict.NO_EFFECT:
         return verdict
@@ -302,7 +301,7 @@ def _causes(
     left: Remainder,
     config: Config,
 ) -> list[Cause]:
-    """Return the accepted causes for the finding, each with the laws of its phenomenon that fit as well."""
+    """Return the accepted causes for the finding, each with the laws of its phenomenon that fit equally well."""
     fits = indistinguishable_laws(found, hypotheses, config.ambiguous, config.rough)
     causes = []
     for one in found.accepted:
@@ -315,7 +314,7 @@ def _causes(
 
 
 def _base_model(found: SearchResult, extended: FittedModel, named: FittedModel) -> FittedModel:
-    """Fit the base model under the noise of the extended one, from where it was last fitted."""
+    """Fit the base model under the noise of the extended one, starting from its last fit."""
     point = without_effects(extended.point)
     near = next((one for one in found.without.values() if not one.effects), None)
     if near is None:
@@ -326,7 +325,7 @@ def _base_model(found: SearchResult, extended: FittedModel, named: FittedModel) 
 def _deciding(
     judgement: Judgement, alike: Sequence[Undecided], config: Config, menu: Sequence[Experiment]
 ) -> tuple[list[NextRun], list[NextSensor]]:
-    """Rank the runs that would separate undecided causes, and the parameters whose calibration would."""
+    """Rank the runs that would separate undecided causes, and the parameters to calibrate for the same purpose."""
     model = judgement.screened.model
     others = [
         *(one.model for one in alike),

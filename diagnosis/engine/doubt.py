@@ -1,35 +1,36 @@
-"""Step 7, doubt: named causes that a surface without a name, which is needed anyway, makes superfluous.
+"""Step 7, doubt: find named causes that a surface without a name makes superfluous.
 
 Theory of operation
 -------------------
-A stop that is in no catalogue looks like a cubic spring, and is named so if it is alone. A surface then sees the
-residual of the spring. Three questions decide whether the spring is a cause or only similar to one:
+A stop that is in no catalogue looks like a cubic spring, and alone it is named so. A surface then explains the residual
+of the spring. Three questions decide whether the spring is a cause or only similar to one:
 
-* Can the surface do what the effect does? It can if, together with it, nearly all information on the amplitude is gone
-  (`_imitable`). The surface may then be larger than its prior.
+* Can the surface imitate the effect? It can if the data contain hardly any information on the amplitude once the
+  surface is in the model (`_imitable`). The surface may then be larger than its prior.
 * Does the effect explain anything in addition to the surface? The model with the surface is fitted with and without the
-  effects. A true cause keeps a good part of its gain: it has a memory that no surface has, or is right where no run has
-  been yet.
-* Does the surface explain the same as the effect? Many effects are surfaces themselves, as dry friction is one over the
-  speed, and a surface with coefficients to spare follows it wherever it was fitted. That is imitation and no reason for
-  doubt. So the surface must predict the select runs *as it was fitted*, without the named effects, and better than a
-  model with neither. A term that cannot predict the next run is no cause of this one.
+  effects. A true cause keeps a large part of its gain, because it has a memory that no surface has, or also holds
+  outside of the measured range.
+* Does the surface explain the same as the effect? Many effects are surfaces themselves: dry friction is one over the
+  speed. A surface with many coefficients follows it on the fit runs. This is imitation and no reason for doubt. So the
+  surface must predict the select runs *as it was fitted*, without the named effects, and better than a model with
+  neither.
 
-Effects are doubtful and leave the model only if all three hold: a surface can replace them, they gain hardly anything
-in addition to it, and it predicts something itself. Else the name stays, and a surface may explain the remaining error.
+Effects are doubtful and leave the model only if all three hold: a surface can imitate them, they gain hardly anything
+in addition to it, and it predicts the select runs itself. Otherwise the name stays, and a surface may explain the
+remaining error.
 
-A form that is wrong in a way that no surface follows either, such as a spring that softens with what it has been
-through, is imitated by both: by a cubic spring for the most part, and by a surface for a part of the rest. None of the
-three questions finds that. But if a surface can replace a cause, and the cause is not clearly larger than the effect of
-that surface *in addition* to it, one unknown term is likelier than two terms (`no_clearer`). Both are measured on fit
-runs and select runs.
+Some errors of the equations are no surface either, such as a spring that softens with its load history. A cubic spring
+imitates most of the error, and a surface a part of the remainder. None of the three questions finds that. But if a
+surface can imitate a cause, and the cause is not clearly larger than the effect of that surface *in addition* to it,
+one unknown term is more likely than two terms (`no_clearer`). Both are measured on fit runs and select runs.
 
-One more question applies to each name that stays: does it exist at all, if the model errs everywhere as much as
-surfaces show? The interval of its amplitude holds such an error (`model_error.py`). Where it holds 0 as well, the
-effect is `vague`: by its standard deviation, or by what χ² rises at 0, which is λ², against what it has to rise for an
-interval as wide. The latter test does not apply to a cause that removes most of the error of the select runs, because
-it is clearly not zero. The former does not apply to causes of a second look, and to causes that saturate. The harder a
-stop is, the less its stiffness matters, and the curvature at the fit gives no information about 0.
+One more question applies to each name that stays: can its amplitude be 0 if the model is everywhere as wrong as the
+surfaces show? The interval of the amplitude includes such an error (`model_error.py`). If it includes 0, the effect is
+`vague`. There are two tests: by the standard deviation, and by λ², the increase of χ² at amplitude 0, compared with the
+increase at the end of an equally wide interval. The latter does not apply to a cause that removes most of the error of
+the select runs, because its amplitude is clearly not 0. The former does not apply to causes of a second look and to
+causes that saturate. For example, the harder a stop is, the less its stiffness matters, so the curvature at the fit
+gives no information about 0.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ def doubtful(
     select: Sequence[MeasuredRun],
     config: Config,
 ) -> tuple[str, ...]:
-    """Return the accepted effects of a fitted model that the surface of a test makes superfluous."""
+    """Return the accepted effects of a fitted model that the surface of ``test`` makes superfluous."""
     likenesses = [one for one in accepted if _imitable(model, test, one.effect)]
     if likenesses and _superfluous(model, test, likenesses, select, config):
         return tuple(one.effect for one in likenesses)
@@ -74,7 +75,9 @@ def doubtful(
 
 
 def no_clearer(model: FittedModel, clear: Sequence[Omnibus], accepted: Sequence[Accepted]) -> tuple[str, ...]:
-    """Return the accepted effects that a ``clear`` surface could do, if they are not clear of what it sees besides."""
+    """Return the accepted effects that a ``clear`` surface can imitate and whose gain is not clearly above its
+    excess.
+    """
     return tuple(
         one.effect
         for one in accepted
@@ -92,9 +95,10 @@ def vague(
     left: ResidualBound | None = None,
     finite: Collection[str] = (),
 ) -> tuple[str, ...]:
-    """Return the least certain accepted effect, if its amplitude may be 0 where the form errs as it may.
+    """Return the least certain accepted effect, if its amplitude can be 0 within the error of the equations.
 
-    ``left`` states what the select runs leave of each; ``finite`` are those that were found at finite amplitudes.
+    ``left`` holds the residual on the select runs per effect; ``finite`` are effects that were found at finite
+    amplitudes.
     """
     variances = np.diagonal(widened(model, tests, left))
     plain = np.diagonal(model.covariance())
@@ -113,7 +117,7 @@ def vague(
 
 
 def _imitable(model: FittedModel, test: Omnibus, effect: str) -> bool:
-    """Return whether most of what the data say of an effect's amplitude is gone together with a surface."""
+    """Return whether a surface removes most of the information of the data on an effect's amplitude."""
     linearisation = model.linearisation
     place = linearisation.point.place_of_amplitude(effect)
     variance = linearisation.covariance()[place, place]
@@ -130,7 +134,7 @@ def _superfluous(
     select: Sequence[MeasuredRun],
     config: Config,
 ) -> bool:
-    """Return whether a surface says nearly as much without effects as together with them."""
+    """Return whether a surface explains nearly as much without the effects as with them."""
     coefficients = surface_coordinates(test.surface)
     beside = model.point.extended(coefficients, [c.parameter.nominal for c in coefficients])
     alone = beside
@@ -148,6 +152,6 @@ def _superfluous(
 
 
 def _predicts(surface: FittedModel, neither: Point, select: Sequence[MeasuredRun]) -> bool:
-    """Return whether a fitted surface predicts the select runs, as fitted, better than a model without it."""
+    """Return whether a fitted surface, as fitted, predicts the select runs better than a model without it."""
     nothing = fit(surface.replay, surface.noise, neither, surface.linearisation)
     return predict(surface, select, fixed=True).lpd > predict(nothing, select, fixed=True).lpd

@@ -1,19 +1,20 @@
-"""Step 6, the family rule: before a second cause of another family is assumed, the first one's own family is tried.
+"""Step 6, the family rule: before a cause of a second family is accepted, richer members of the first family are
+tested.
 
 Theory of operation
 -------------------
-Equations of causes come in families, of which some members contain others: two Maxwell branches contain one. Where the
-truth is the richer member, the poorer one enters first, for it explains nearly as much with fewer parameters. What it
-leaves looks like a cause of another family: rubber with two relaxation times looks like one branch and a friction. Such
-a pair predicts well and lies about the cause; without this rule it was named in six of six cases.
+The equations of causes form families, in which some members include others: two Maxwell branches include one. If the
+richer member is true, the poorer one enters first, because it explains nearly as much with fewer parameters. Its
+residual looks like a cause of another family: rubber with two relaxation times looks like one branch and a friction.
+Such a pair predicts well and is wrong about the cause; without this rule it was named in six of six cases.
 
-The rule has two halves:
+The rule has two parts:
 
 * Against the pair: two causes must beat one richer member instead of the first by BIC *and* by log predictive density,
-  each by the gap that a verdict asks for. Else the richer member enters in its place, if it is worth its parameters
+  each by the gap that a verdict requires. Otherwise the richer member enters instead, if its parameters improve the BIC
   (`richer_members` lists the candidates, `admission.py` decides).
-* Against the richer member: no equation is exact, so of a poorer member in plain view a rest is always left, which the
-  richer one can take up. It is charged what such a rest may be, a part ``Config.rough`` of λ (`richer_surcharge`).
+* Against the richer member: no equation is exact, so a large effect always leaves a residual, which a richer member can
+  explain. It pays a surcharge for this residual, a part ``Config.rough`` of λ (`richer_surcharge`).
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ from diagnosis.engine.search_state import CurrentModel, Problem
 
 
 def richer_surcharge(problem: Problem, name: str, model: FittedModel, current: CurrentModel) -> float:
-    """Return the χ² that an effect could gain over a poorer member of its family where that is only rough.
+    """Return the χ² that a richer member of a family could gain only because the poorer member is inexact.
 
-    0 for an effect that is no richer member of any. It is added to the BIC of ``model``, in which the effect is.
+    0 for an effect that is no richer member. The surcharge is added to the BIC of ``model``, which includes the effect.
     """
     if not any(name in effect.richer for effect in problem.hypotheses.values()):
         return 0.0
@@ -34,7 +35,9 @@ def richer_surcharge(problem: Problem, name: str, model: FittedModel, current: C
 
 
 def richer_members(problem: Problem, old: str, inside: tuple[str, ...]) -> list[str]:
-    """Return what contains an accepted effect, or what that is easily mistaken for, and is not in the model."""
+    """Return effects outside of the model that include an accepted effect, or include one that is easily confused with
+    it.
+    """
     relatives = [name for name in (old, *problem.hypotheses[old].confusers) if name in problem.hypotheses]
     richer = dict.fromkeys(name for relative in relatives for name in problem.hypotheses[relative].richer)
     return [name for name in richer if name not in inside]

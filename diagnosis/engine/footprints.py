@@ -1,16 +1,16 @@
-"""Step 4, footprints: what each candidate, and each parameter of the model, would change in the outputs.
+"""Step 4, footprints: the change of the outputs by each candidate and each parameter of the model.
 
 Theory of operation
 -------------------
 A footprint is the derivative of all outputs by the amplitude of an effect, at an amplitude of 0. One simulation with a
-small amplitude gives it as a difference quotient, for effects are required to be smooth in their amplitude there.
-Whatever else shapes an effect (a time constant, a travel) is undefined while the amplitude is 0, so that an effect is
-tried at a few values of it, the points of its grid. An effect at one point of its grid is a `Candidate`.
+small amplitude gives it as a difference quotient, because effects must be smooth in their amplitude there. Other
+parameters of an effect (a time constant, a travel) are undefined at amplitude 0. So an effect is tested at a few values
+of them, the points of its grid. An effect at one point of its grid is a `Candidate`.
 
-The same is done for every parameter of the base model and of the accepted effects, because what those can imitate does
-not support a candidate (step 4 continues in `screening.py`), and in step 7 for each coefficient of the surfaces that
-represent unknown terms. All these quotients come from the simulator once, before the noise is known, and serve for the
-estimate of the noise (step 3, `noise_estimate.py`) as well as for the scores.
+The same is done for every parameter of the base model and of the accepted effects, because changes that these can
+imitate do not support a candidate (step 4 continues in `screening.py`), and in step 7 for each coefficient of the
+surfaces that represent unknown terms. All quotients are simulated once, before the noise is known. The noise estimate
+(step 3, `noise_estimate.py`) and the scores use them.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Candidate:
     shapes: tuple[float, ...]
 
     def added_to(self, point: Point) -> Point:
-        """Return a point with this effect in it, with an amplitude of 0."""
+        """Return a point with this effect added at amplitude 0."""
         return point.extended(effect_coordinates(self.effect), (0.0, *self.shapes))
 
     @property
@@ -54,7 +54,7 @@ class Candidate:
 
     @property
     def imitated(self) -> float:
-        """The amplitude that errors of the simulator imitate with these shapes."""
+        """The amplitude that errors of the simulator can imitate with these shapes."""
         return self.effect.imitated[self.effect.grid.index(self.shapes)] if self.effect.imitated else 0.0
 
 
@@ -62,8 +62,8 @@ class Candidate:
 class Footprints:
     """Difference quotients of each run around a ``point``, per engine unit, neither whitened nor projected.
 
-    ``parameter_columns`` are those of the point's own numbers, ``candidate_columns`` those of the ``candidates``,
-    ``surface_columns`` those of the coefficients of each surface.
+    ``parameter_columns`` are for the numbers of the point, ``candidate_columns`` for the ``candidates``,
+    ``surface_columns`` for the coefficients of each surface.
     """
 
     point: Point
@@ -75,11 +75,11 @@ class Footprints:
 
     @property
     def looked_for(self) -> tuple[tuple[Columns, ...], ...]:
-        """Return for each run the columns of everything that may be missing: candidates, then the surfaces."""
+        """For each run, the columns of all possible missing terms: candidates, then surfaces."""
         return tuple(zip(self.candidate_columns, *self.surface_columns, strict=True))
 
     def without_columns(self) -> Footprints:
-        """Return the candidates and the point, without their columns."""
+        """Return point and candidates, without columns."""
         return Footprints(self.point, (), (), self.candidates, ())
 
 
@@ -89,7 +89,7 @@ def candidates(effects: Sequence[Hypothesis]) -> tuple[Candidate, ...]:
 
 
 def footprints(replay: Replay, point: Point, tried: Sequence[Candidate]) -> Footprints:
-    """Simulate what the numbers of a model and the candidates change around a point."""
+    """Simulate the footprints of the numbers of a model and of the candidates around a point."""
     predictions = replay.predictions(point)
     steps = [neighbour(candidate.added_to(point), len(point.numbers)) for candidate in tried]
     base = replay.base(point, predictions, [len(steps)] * len(replay.runs))
@@ -103,9 +103,9 @@ def footprints(replay: Replay, point: Point, tried: Sequence[Candidate]) -> Foot
 
 
 def confirmed(replay: Replay, around: Footprints, places: Sequence[int], norms: Array) -> Footprints:
-    """Return the footprints, those at ``places`` without a jump of the simulator that one step happened upon.
+    """Return the footprints; those at ``places`` are computed again without a jump of the simulator.
 
-    ``norms`` (m,) are those of all whitened and projected footprints: a jump is measured relative to them.
+    ``norms`` (m,) are the norms of all whitened and projected footprints. A jump is measured relative to them.
     """
     if not places:
         return around
@@ -137,7 +137,7 @@ def confirmed(replay: Replay, around: Footprints, places: Sequence[int], norms: 
 
 
 def with_surfaces(replay: Replay, around: Footprints) -> Footprints:
-    """Add what each coefficient of each surface of the simulator would change."""
+    """Return the footprints, with those of each coefficient of each surface of the simulator."""
     surfaces, runs = replay.simulator.surfaces, len(replay.runs)
     most = max((len(surface.coefficients) for surface in surfaces), default=0)
     base = replay.base(around.point, around.predictions, [most] * runs)
@@ -148,7 +148,9 @@ def with_surfaces(replay: Replay, around: Footprints) -> Footprints:
 
 
 def joined(first: Footprints, second: Footprints) -> Footprints:
-    """Return footprints on the runs of both; the second point is the first one with the nuisances of further runs."""
+    """Return the footprints on the runs of both. The second point is the first one with the nuisances of further
+    runs.
+    """
     return Footprints(
         second.point,
         first.predictions + second.predictions,
@@ -160,6 +162,6 @@ def joined(first: Footprints, second: Footprints) -> Footprints:
 
 
 def _coefficients(point: Point, surface: Surface) -> list[tuple[Point, float]]:
-    """Return the neighbours of a point along the coefficients of a surface."""
+    """Return a neighbour of a point for each coefficient of a surface."""
     flat = point.extended(surface_coordinates(surface), [p.nominal for p in surface.coefficients])
     return [neighbour(flat, i) for i in range(len(point.numbers), len(flat.numbers))]

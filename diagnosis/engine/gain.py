@@ -1,15 +1,14 @@
-"""Step 9, gain: what the extended model predicts better than the base model, on runs that neither has seen.
+"""Step 9, gain: how much better the extended model predicts than the base model, on unseen runs.
 
 Theory of operation
 -------------------
-Both models are tuned: the base model with all its parameters at their best (`before.py`), and the extended one. Both
-predict the report runs with the parameters fitted to the fit runs; only parameters of a single run (an initial
-pressure) are fitted again. The gain is the part of the explainable error that is gone, (RMSE0² − RMSE1²)/(RMSE0² −
-floor²): no model can explain the error by noise alone. Its interval comes from a bootstrap of runs, or of blocks of
-runs where there are few.
+All parameters of both models are fitted (base model: `before.py`). Both predict the report runs with the parameters
+from the fit runs; only parameters of a single run (an initial pressure) are fitted again. The gain is the removed part
+of the explainable error, (RMSE0² − RMSE1²)/(RMSE0² − floor²), because no model can explain noise. Its interval is from
+a bootstrap of runs, or of blocks if there are few runs.
 
-Together with it stand the coverage of the predictions, the curves to look at, and the shift of each base parameter in
-the standard deviations that the base model claimed: with the structure left wrong, those claims are wrong as well.
+The other results are the coverage of the predictions, curves for drawings, and the shift of each base parameter in
+standard deviations of the base model. These show that the uncertainties of a model with a missing cause are wrong.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ DRAWN, BINS, POINTS = 6, 250, 400
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """The gain in every channel and in all, the coverage of the predictions, and the curves to look at."""
+    """The gain in every channel and in all, the coverage of the predictions, and curves for drawings."""
 
     gains: list[Gain] = field(default_factory=list)
     coverage: list[Coverage] = field(default_factory=list)
@@ -46,14 +45,14 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Arms:
-    """The report runs with both predictions (n, c); errors are NaN where nothing counts."""
+    """The report runs with both predictions (n, c); errors are NaN where a sample does not count."""
 
     runs: tuple[MeasuredRun, ...]
     outputs: tuple[tuple[Array, ...], tuple[Array, ...]]
     noise: Array
 
     def errors(self, arm: int) -> list[Array]:
-        """Measured less predicted (n, c) of each run."""
+        """Return measured minus predicted values (n, c) of each run."""
         return [
             np.where(run.counted, run.outputs - predicted, np.nan)
             for run, predicted in zip(self.runs, self.outputs[arm], strict=True)
@@ -61,7 +60,7 @@ class _Arms:
 
 
 def compare(before: Prediction, after: Prediction, noise: Array, *, seed: int = 0) -> Comparison:
-    """Compare two predictions of the same runs; ``noise`` (c,) is what noise alone leaves in each channel."""
+    """Compare two predictions of the same runs; ``noise`` (c,) is the noise floor of each channel."""
     runs, channels = after.replay.runs, after.replay.simulator.channels
     forecasts = before, after
     arms = _Arms(runs, (forecasts[0].outputs, forecasts[1].outputs), noise)
@@ -120,7 +119,7 @@ def _gain(
 
 
 def _sums(before: Array, after: Array) -> Array:
-    """Squares before and after and the number of samples, in the blocks of one run: (1, blocks, 3)."""
+    """Return sums of squares before and after, and the number of samples, per block of one run: (1, blocks, 3)."""
     starts = (np.arange(BOOTSTRAP_BLOCKS) * len(before)) // BOOTSTRAP_BLOCKS
     parts = np.column_stack(
         (
@@ -133,14 +132,14 @@ def _sums(before: Array, after: Array) -> Array:
 
 
 def _fraction(total: Array, floor: float) -> Array:
-    """(RMSE0² − RMSE1²)/(RMSE0² − floor²) of sums (…, 3), at most 1: less than the noise is left by chance only."""
+    """Return (RMSE0² − RMSE1²)/(RMSE0² − floor²) of sums (…, 3), at most 1: an error below the noise is chance."""
     left = total[..., 0] - floor**2 * total[..., 2]
     gone = np.minimum(total[..., 0] - total[..., 1], left)
     return np.divide(gone, left, out=np.full_like(left, np.nan), where=left > 0.0)
 
 
 def _interval(sums: Array, floor: float, rng: np.random.Generator) -> tuple[float, float]:
-    """The 95 % interval of the fraction by the bootstrap: of runs, or of their blocks where there are few runs."""
+    """Return the 95 % interval of the fraction by a bootstrap of runs; of blocks if there are few runs."""
     units = sums.sum(axis=1) if len(sums) >= LEAST_RUNS else sums.reshape(-1, 3)
     units = units[units[:, 2] > 0]
     drawn = units[rng.integers(len(units), size=(BOOTSTRAPS, len(units)))].sum(axis=1)
@@ -149,7 +148,7 @@ def _interval(sums: Array, floor: float, rng: np.random.Generator) -> tuple[floa
 
 
 def _coverage(errors: Sequence[Sequence[Array]], noise: Array) -> list[Coverage]:
-    """How many samples of all channels lie within the noise around the prediction."""
+    """Return the share of samples, over all channels, within the noise around the prediction."""
     sizes = [np.abs(np.concatenate([(e / noise)[np.isfinite(e)] for e in arm])) for arm in errors]
     if not sizes[0].size:
         return []
@@ -166,7 +165,7 @@ def _coverage(errors: Sequence[Sequence[Array]], noise: Array) -> list[Coverage]
 def _traces(
     channels: Sequence[Channel], arms: _Arms, errors: Sequence[Sequence[Array]], gains: Sequence[Gain]
 ) -> list[Trace]:
-    """The channels that are most wrong before, each in the run in which it is most wrong."""
+    """Return the channels with the largest error before, each in the run with its largest error."""
     order = sorted(range(len(gains)), key=lambda c: -(gains[c].noise_ratio_before or 0.0))[:DRAWN]
     return [
         _trace(channels[c], arms, errors, c) for c in order if np.isfinite(gains[c].rmse_before or np.nan)
@@ -200,12 +199,12 @@ def _trace(channel: Channel, arms: _Arms, errors: Sequence[Sequence[Array]], c: 
 
 
 def _extremes(values: Array, edges: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Array:
-    """Minimum and maximum in turn (2 bins,) of the finite values between edges."""
+    """Return minimum and maximum in turn (2 bins,) of the finite values between ``edges``."""
     return np.column_stack((np.fmin.reduceat(values, edges), np.fmax.reduceat(values, edges))).ravel()
 
 
 def shifts(before: FittedModel, after: FittedModel, covariance: Array) -> list[Shift]:
-    """The nuisances of both models, the most shifted first, in standard deviations which the base model claims.
+    """Return the nuisances of both models, the largest shift first, in standard deviations of the base model.
 
     ``covariance`` (k, k) is that of the numbers of the extended model.
     """
@@ -241,7 +240,7 @@ def _width(coordinate: Coordinate, value: float, deviation: float) -> float | No
 
 
 def models(before: FittedModel, after: FittedModel, reported: Comparison) -> Models:
-    """Both models with their SI values, and what the runs that were reported on found for themselves."""
+    """Return both models with their SI values, and the parameters that the reported runs fitted for themselves."""
     return Models(
         before=_shared(before.point),
         after=_shared(after.point),

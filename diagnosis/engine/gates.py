@@ -1,20 +1,20 @@
-"""Step 6, the gates that a candidate must pass to be named: better by BIC, physical, more than rough, worth having.
+"""Step 6, the gates that a candidate must pass: better BIC, physical, larger than roughness, useful for prediction.
 
 Theory of operation
 -------------------
-With enough data a further parameter always fits a little more, and every real model is rejected by statistics alone.
-Four gates stand between a good score and a name. Each returns why a model does not pass it, as the rest of a sentence
-for people, or "" where it does.
+With enough data each further parameter improves the fit a little, and statistics alone reject every real model. So a
+candidate with a good score must pass four gates. Each returns the reason why a model fails, as a clause for the report,
+or "" if it passes.
 
-* `unfit`: the BIC must be better, that is the penalised χ² must fall by ln N for each further parameter;
-* `unphysical`: each parameter of the effect stays inside its range and leaves those of the others inside theirs, and no
-  base parameter has to move further than its prior believes. A transducer 0.2 bar off zero is no explanation;
-* `merely_rough`: of a cause in plain view, no equation being exact, a small rest is left that noise would not leave.
-  A further cause must explain more than such a rest;
-* `useless`: the select runs are predicted no worse by their log density, and a part of the explainable misfit goes
-  where the effect acts.
+* `unfit`: the BIC must be better: the penalised χ² must fall by at least ln N for each further parameter;
+* `unphysical`: all parameters of effects stay inside their ranges, and no base parameter moves further from its prior
+  than allowed. A transducer with a zero error of 0.2 bar is no explanation;
+* `merely_rough`: no equation is exact, so a large cause leaves a small residual above the noise. A further cause must
+  explain more than this residual;
+* `useless`: the log density of the select runs must not fall, and a part of the explainable misfit must disappear in
+  the channel where the effect acts.
 
-The last gate needs to know what noise alone leaves, since no cause can explain that: `noise_floors`.
+The last gate needs the error by noise alone, which no cause can explain: `noise_floors`.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from diagnosis.estimates import percent
 
 
 def unfit(model: FittedModel, base: FittedModel) -> str:
-    """Return why the fit of a model with one more effect is no explanation, as a sentence; "" if it may be one."""
+    """Return why a fit with one more effect is no explanation, as a clause; "" if it may be one."""
     gap = model.bic - base.bic
     if not gap < 0.0:
         return f"BIC is worse by {gap:.1f}" if model.converged else "another candidate is far better"
@@ -58,9 +58,9 @@ def useless(
     floors: Array,
     config: Config,
 ) -> str:
-    """Return why a model with one more effect predicts nothing better, as a sentence; "" if it does.
+    """Return why a model with one more effect does not predict better, as a clause; "" if it does.
 
-    ``after`` and ``before`` are predictions of the select runs; None where there are none.
+    ``after`` and ``before`` are predictions of the select runs; None without select runs.
     """
     if after is not None and before is not None and before.lpd - after.lpd >= config.lpd_loss:
         return f"it predicts the select runs worse: their log density falls by {before.lpd - after.lpd:.1f}"
@@ -68,10 +68,10 @@ def useless(
 
 
 def unphysical(model: FittedModel, base: FittedModel) -> str:
-    """Return what is not physical in a fit and was in that of ``base``; "" if nothing.
+    """Return what is unphysical in a fit and was not in that of ``base``; "" if nothing.
 
-    A number that the data push out of its range, of whichever effect: what enters may not make another impossible. Or a
-    belief that is strained further.
+    A number of any effect is unphysical if the data push it out of its range, because a new effect must not make
+    another one impossible. A base parameter is unphysical if it moves further from its prior.
     """
     strained = {c: abs(u) for c, u in zip(base.point.coordinates, base.point.numbers, strict=True)}
     for coordinate, number in zip(model.point.coordinates, model.point.numbers, strict=True):
@@ -88,7 +88,7 @@ def unphysical(model: FittedModel, base: FittedModel) -> str:
 
 
 def out_of_range(model: FittedModel) -> dict[Coordinate, str]:
-    """Return the numbers of effects that the data push out of their ranges, each with a sentence that says so."""
+    """Return the numbers of effects that the data push out of their ranges, each with a sentence."""
     fitted = model.linearisation
     found = {}
     for i, (coordinate, number) in enumerate(
@@ -108,17 +108,17 @@ def out_of_range(model: FittedModel) -> dict[Coordinate, str]:
 
 
 def _shown(coordinate: Coordinate, number: float) -> str:
-    """Return a number of a fit in the unit that people read."""
+    """Return a fitted number as text in its display unit."""
     parameter = coordinate.parameter
     unit = parameter.display or parameter.unit
     return f"{coordinate.to_value(number) / parameter.scale:.4g}{'' if unit == '1' else f' {unit}'}"
 
 
 def merely_rough(gained: float, explained: float, threshold: float, config: Config) -> str:
-    """Return why a further cause may be no more than what the causes found so far are wrong by; "" if it is more.
+    """Return why a further cause may be only an error of the accepted causes; "" if it is larger.
 
-    ``gained`` is the penalised χ² that it explains, ``explained`` what those before it did, ``threshold`` that of the
-    scores: what exceeds the roughness must be significant.
+    ``gained`` is the penalised χ² that it explains, ``explained`` that of the accepted causes, ``threshold`` the
+    threshold of the scores: the gain beyond the roughness must be significant.
     """
     gained = max(gained, 0.0)
     if not explained or gained >= config.rough**2 * explained + threshold**2:
@@ -135,11 +135,11 @@ def explains_too_little(
     floors: Array,
     config: Config,
 ) -> str:
-    """Return why a cause is not worth having: it explains too little of the misfit where it acts; "" if it does.
+    """Return why a cause explains too little of the misfit where it acts; "" if it explains enough.
 
-    Explainable is what exceeds the noise floor, RMSE² − floor². In the channel where the footprint is strongest, the
-    root of the explainable error must fall by the part ``config.gain``. Where the misfit does not exceed the floor, no
-    error is clearly visible and the statistics alone decide.
+    The explainable misfit is RMSE² − floor². In the channel with the strongest footprint its root must fall by the part
+    ``config.gain``. If the misfit does not exceed the floor, no error is clearly visible, and only the statistics
+    decide.
     """
     if after is None or before is None:
         replay, old, new = base.replay, base.predictions, model.predictions
@@ -160,10 +160,10 @@ def explains_too_little(
 
 
 def noise_floors(channels: Sequence[Channel], runs: Sequence[MeasuredRun], noise: Noise) -> Array:
-    """Return what noise alone leaves in each channel (c,), as a standard deviation.
+    """Return the standard deviation (c,) of the noise alone in each channel.
 
-    Stretches at rest say it, else the data sheet, else what cannot be predicted from one sample to the next. A line is
-    taken out of each stretch, and with it much of a noise that remembers: of that, ``noise`` knows how much.
+    It is taken from stretches at rest, else from the data sheet, else from the unpredictable part between samples. A
+    line is subtracted from each stretch, which also removes a part of coloured noise; ``noise`` gives the correction.
     """
     floors = []
     for i, (channel, seen) in enumerate(zip(channels, noise.channels, strict=True)):
@@ -179,10 +179,10 @@ def noise_floors(channels: Sequence[Channel], runs: Sequence[MeasuredRun], noise
 
 
 def not_above(floors: Array, model: FittedModel, unseen: Prediction | None = None) -> Array:
-    """Return noise floors (c,), none of them above the residual of a model on the runs that it was fitted to.
+    """Return noise floors (c,), limited to the residual of a model on its fit runs.
 
-    None is clearly above its residual on ``unseen`` runs either. A data sheet is an upper bound, and a rig assumed at
-    rest may have moved: noise cannot be larger than all errors.
+    They are also limited to the residual on ``unseen`` runs, where that is clearly smaller. A data sheet is an upper
+    bound, and a rig assumed at rest may have moved. Noise cannot be larger than all errors.
     """
     channels = range(len(floors))
     left = np.sqrt([_mean_square(model.replay.runs, model.predictions, i) for i in channels])
@@ -194,14 +194,14 @@ def not_above(floors: Array, model: FittedModel, unseen: Prediction | None = Non
 
 
 def rests(run: MeasuredRun, channel: int) -> list[slice]:
-    """Return the stretches at rest of one channel that are long enough; the channel may rest at another place later."""
+    """Return the sufficiently long stretches at rest of one channel. The place of rest may differ between stretches."""
     still = np.concatenate(([False], run.rest & run.counted[:, channel], [False]))
     borders = np.flatnonzero(still[1:] != still[:-1]).reshape(-1, 2)
     return [slice(start, stop) for start, stop in borders.tolist() if stop - start >= LEAST_AT_REST]
 
 
 def _straightened(values: Array) -> Array:
-    """Return values (n,) less the line through them: gas at rest still warms up, rubber still creeps."""
+    """Return values (n,) minus a fitted line, because gas still warms up and rubber still creeps at rest."""
     time = np.linspace(-1.0, 1.0, len(values))
     slope = time @ values / (time @ time)
     return values - values.mean() - slope * time
@@ -209,7 +209,7 @@ def _straightened(values: Array) -> Array:
 
 @lru_cache(maxsize=256)
 def _left_by_a_line(noise: ChannelNoise, count: int) -> float:
-    """Return the sum of squares that is left on average of so many samples of noise, of power 1, less a line."""
+    """Return the mean sum of squares of ``count`` samples of noise with power 1, after a fitted line is subtracted."""
     time = np.linspace(-1.0, 1.0, count)
     time /= np.sqrt(time @ time)
     correlations = noise.correlations(count - 1)

@@ -2,22 +2,21 @@
 
 Theory of operation
 -------------------
-Scores compare causes, under a noise that is estimated from the unexplained residual. An error that no candidate
-resembles, such as a sine or a random walk, is then part of that noise. So each channel is compared with a noise that no
-model has made: that of its rests, else that of its data sheet (`gates.noise_floors`).
+Scores compare causes under a noise that is estimated from the unexplained residual. An error that no candidate
+resembles, such as a sine or a random walk, is then part of that noise. So each channel is compared with a noise that
+does not depend on a model: from stretches at rest, else from the data sheet (`gates.noise_floors`).
 
-* Size: the mean square exceeds that noise (χ² test of a variance). Errors with memory count for fewer samples,
-  n/(1 + 2 Σ ρ_k²) (Bartlett). The excess must be what a report would mention, `NOISE_RATIO_SHOWN`.
-* Memory: white noise that is louder than its data sheet is no error of the model. Ljung and Box's test must reject
-  whiteness.
-* Kind: a line (F test of an ordinate of the periodogram against its neighbours), a walk (the variance ratio of means of
-  long and of short blocks), or neither.
+* Size: the mean square exceeds that noise (χ² test of a variance). Correlated errors count as fewer samples, n/(1 + 2 Σ
+  ρ_k²) (Bartlett). The excess must reach the limit of the report, `NOISE_RATIO_SHOWN`.
+* Memory: white noise above the data sheet is no error of the model. The test of Ljung and Box must reject whiteness.
+* Kind: a line (F test of an ordinate of the periodogram against its neighbours), a random walk (variance ratio of means
+  of long and short blocks), or neither.
 
-Over all channels and roles, Benjamini and Hochberg's procedure bounds the part of false ones. A misfit contradicts a
-verdict of no effect.
+Over all channels and roles, the procedure of Benjamini and Hochberg limits the share of false positives. A misfit
+contradicts a verdict of no effect.
 
-Rests are tested before any model: a line there is in the sensor or in its supply. It makes the data doubtful, and the
-noise that rests show is not that of the data sheet.
+Stretches at rest are tested before any fit: a line there comes from the sensor or its supply. It makes the data
+doubtful.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ from diagnosis.engine.p_values import bonferroni
 
 
 class Misfit(NamedTuple):
-    """A channel whose error is more than its noise: ``ratio`` times as large, on runs of a ``role``."""
+    """A channel whose error is larger than its noise, by the factor ``ratio``, on runs of a ``role``."""
 
     channel: str
     role: Role
@@ -54,7 +53,7 @@ class Misfit(NamedTuple):
 
 
 class Line(NamedTuple):
-    """A sine in a series: its frequency, its power over that of the series, and the chance of one as clear."""
+    """A sine in a series: frequency, share of the power, and probability of an equally clear line by chance."""
 
     frequency: float
     part: float
@@ -69,7 +68,7 @@ def misfits(
 ) -> list[Misfit]:
     """Return the channels with an error that their noise ``floors`` (c,) do not explain, the largest first.
 
-    ``errors`` has for each role the runs with what a model leaves of them (n, c).
+    ``errors`` holds for each role the runs with the residuals of a model (n, c).
     """
     found = [
         one
@@ -86,7 +85,9 @@ def misfits(
 
 
 def _misfit(channel: str, role: Role, series: Sequence[tuple[Array, float]], floor: float) -> Misfit | None:
-    """Compare the errors of one channel, each with its sampling interval, with its noise."""
+    """Compare the errors of one channel, given as series with sampling intervals, with its noise; None if they
+    agree.
+    """
     series = [(values, step) for values, step in series if len(values) >= 2 * LJUNG_BOX_LAGS]
     if not series or not floor > 0.0:
         return None
@@ -99,7 +100,7 @@ def _misfit(channel: str, role: Role, series: Sequence[tuple[Array, float]], flo
 
 
 def _kind(series: Sequence[tuple[Array, float]], floor: float, ratio: float) -> str:
-    """Return what the errors of a channel look like: a line, a walk, an error with memory; "" if they are white."""
+    """Return the kind of error of a channel: a sine, a random walk, an error with memory; "" if it is white."""
     values, step = max(series, key=lambda one: float(np.mean(one[0] ** 2)))
     excess = 1.0 - 1.0 / max(ratio, 1.0) ** 2
     line = strongest_line(values, step)
@@ -127,9 +128,9 @@ def _correlations(values: Array) -> Array:
 
 
 def strongest_line(values: Array, step: float) -> Line:
-    """Return the clearest sine in a series (n,), by F tests of its periodogram; slow drift is taken out first.
+    """Return the clearest sine in a series (n,), by F tests of its periodogram, after subtraction of slow drift.
 
-    A series too short for a background, or without scatter, has none (p = 1).
+    p = 1 for a constant series, and for one too short for an estimate of the background.
     """
     time = np.linspace(-1.0, 1.0, len(values))
     left = values - np.polynomial.Polynomial.fit(time, values, 2)(time)
@@ -148,7 +149,9 @@ def strongest_line(values: Array, step: float) -> Line:
 
 
 def _lasts(values: Array, step: float, frequency: float) -> bool:
-    """Return whether a sine is as strong in the second half of a series as in the first: vibrations die away."""
+    """Return whether a sine is nearly as strong in the second half of a series as in the first. Vibrations decay
+    instead.
+    """
     half = len(values) // 2
     phase = np.exp(-2j * np.pi * frequency * step * np.arange(half))
     first, second = (abs(phase @ (part - part.mean())) for part in (values[:half], values[half : 2 * half]))
@@ -156,7 +159,7 @@ def _lasts(values: Array, step: float, frequency: float) -> bool:
 
 
 def humming(data: Dataset, alpha: float) -> list[str]:
-    """Return sentences on channels that show a sine at rest, with its amplitude."""
+    """Return a sentence for each channel that shows a sine at rest, with its amplitude."""
     sentences = []
     for i, channel in enumerate(data.channels):
         parts = list(_rests(data.runs, i))
@@ -192,7 +195,7 @@ def _rests(runs: Sequence[MeasuredRun], channel: int) -> Iterator[tuple[Array, f
 
 
 def _series(run: MeasuredRun, left: Array, channel: int) -> tuple[Array, float]:
-    """Return the counted samples of an error, in order, and the sampling interval."""
+    """Return the samples of an error that count, in order, and the sampling interval."""
     return left[run.counted[:, channel], channel], run.experiment.step
 
 

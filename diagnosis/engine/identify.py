@@ -1,14 +1,14 @@
-"""Identification: all parameters of a simulator from runs and priors, and the expected accuracy from future runs.
+"""Identification: estimate all parameters of a simulator from runs and priors, and the accuracy from future runs.
 
 Theory of operation
 -------------------
-It is the first half of a diagnosis with nothing to look for: the base model is fitted (step 2) under the noise that it
-leaves (step 3), with wide priors. The surfaces of step 7 show the form error of the model, and the scatter between runs
-shows its other errors. Both widen the intervals (`model_error.py`). A parameter whose interval is much narrower than
-its prior is determined by these runs. The value of any other parameter is its prior.
+Identification is the first part of a diagnosis, without effects: the base model is fitted (step 2) with wide priors
+under the noise of its residual (step 3). The surfaces of step 7 show the errors of its equations, and the scatter
+between runs shows its other errors. Both widen the intervals (`model_error.py`). If the interval of a parameter is much
+narrower than its prior, these runs determine it. The value of any other parameter is its prior.
 
-The same linear model predicts the accuracy of runs that have not been made yet. Their columns, under the noise of the
-existing runs or of the data sheets, add their information to that of the priors and runs.
+The same linear model predicts the accuracy from future runs. Their columns, under the noise of the existing runs or of
+the data sheets, add information to that of the priors and runs.
 """
 
 from __future__ import annotations
@@ -52,18 +52,18 @@ class Identified:
 
     @property
     def share(self) -> float:
-        """Which part of the assumed standard deviation is left."""
+        """The remaining part of the prior standard deviation."""
         return self.deviation / self.parameter.spread
 
     @property
     def determined(self) -> bool:
-        """Whether the runs determine it."""
+        """Whether the runs determine the parameter."""
         return self.share < IDENTIFIED
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identification:
-    """A model at its best fit, and the covariance (k, k) of its numbers with the errors of the model in it.
+    """A fitted model, and the covariance (k, k) of its numbers including errors of the model.
 
     ``doubts`` are sentences on contradictions between the data and the assumptions.
     """
@@ -74,7 +74,7 @@ class Identification:
 
     @property
     def parameters(self) -> tuple[Identified, ...]:
-        """Every parameter that all runs share, in the order of the simulator."""
+        """All parameters that the runs share, in the order of the simulator."""
         point = self.model.point
         return tuple(
             Identified(
@@ -105,7 +105,7 @@ def identify(
     workers: int = 2,
     progress: Progress = lambda _text, _part: None,
 ) -> Identification:
-    """Identify all parameters of a simulator from the runs of a dataset, whatever the role of each run.
+    """Identify all parameters of a simulator from all runs of a dataset, whatever their roles.
 
     Raises ``DiagnosisError`` for data that cannot be replayed.
     """
@@ -122,7 +122,7 @@ def identify(
 
 
 def _of_form(screened: ScreenedModel) -> Iterator[str]:
-    """Yield what contradicts the model itself, or against its intervals."""
+    """Yield sentences on contradictions with the model itself, and on intervals that are too narrow."""
     runs = len(screened.model.replay.runs)
     if runs < LEAST_REPEATS:
         yield (
@@ -140,9 +140,9 @@ def _of_form(screened: ScreenedModel) -> Iterator[str]:
 
 
 def believed(simulator: Simulator, experiments: Sequence[Experiment], *, workers: int = 2) -> Identification:
-    """Return what would be known after ``experiments`` of which no one has made any, with sensors by their data sheets.
+    """Return the expected identification from ``experiments`` that are only planned, with sensors by their data sheets.
 
-    Values are those that are assumed.
+    Values are the assumed ones.
     """
     blank = Replay(completed(simulator), tuple(_blank(one, simulator) for one in experiments), workers)
     point = base_point(simulator.nuisances, blank.records)
@@ -152,7 +152,7 @@ def believed(simulator: Simulator, experiments: Sequence[Experiment], *, workers
 
 
 def expected(known: Identification, experiments: Sequence[Experiment]) -> Identification:
-    """Return what would be known after ``experiments`` together with the runs of an identification."""
+    """Return the expected identification if ``experiments`` are added to the runs of an existing one."""
     fitted = known.model
     blank = fitted.replay.of(_blank(one, fitted.replay.simulator) for one in experiments)
     point, prior = transferred(fitted, blank, fixed=False)
@@ -161,7 +161,7 @@ def expected(known: Identification, experiments: Sequence[Experiment]) -> Identi
 
 
 def _linear(replay: Replay, noise: Noise, point: Point, prior: Prior) -> FittedModel:
-    """Return a model at a point as if it were its best fit to runs that read what it predicts."""
+    """Return a linear model at a point, as if fitted to runs whose outputs equal its predictions."""
     predictions = replay.predictions(point)
     whiten = filters(noise, replay.runs)
     linear = linearise(replay, whiten, point, predictions, prior.times(noise.dispersion))
@@ -169,7 +169,7 @@ def _linear(replay: Replay, noise: Noise, point: Point, prior: Prior) -> FittedM
 
 
 def _foreseen(replay: Replay, point: Point) -> Replay:
-    """Return runs that read what a model predicts; NaN where their record would not count it."""
+    """Return runs whose outputs are the predictions of a model; NaN where the record would not count them."""
     simulator = replay.simulator
     runs = []
     for run, outputs in zip(replay.runs, replay.predictions(point), strict=True):

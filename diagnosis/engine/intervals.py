@@ -2,19 +2,18 @@
 
 Theory of operation
 -------------------
-A covariance is the curvature of χ² at its lowest point. Three things it does not know:
+A covariance is the curvature of χ² at its minimum. It ignores three things:
 
-* **A valley may bend.** So each number of a cause is held at both ends of its 95 % interval, all others are fitted
-  again, and the penalised χ² must have risen by 1.96². Where it has not, within a fifth, the end is moved to where it
-  has (`profiled`): the interval of the likelihood's profile, which need not be symmetric. Where errors of the model
-  (`model_error.py`) make the interval so many times wider, the rise is requested there, and is larger by the square.
-* **A range ends.** No interval exceeds the possible range: no friction drives its piston.
-* **Samples lie apart.** A length over which a friction turns over is seen if several samples fall into it. A parameter
-  says along which input it is a length or a time (`Parameter.along`). How far that goes from one sample to the next is
-  what they resolve of it (`resolution`): in each run the mean step of all the way that was gone, Σ|Δ|²/Σ|Δ|, and over
-  the runs the mean by how much each says of the parameter, the square of its column there. A shorter length has a fit
-  and an interval like any other, for with exact equations one sample would do. They are those of the assumptions
-  between samples, of smoothing and interpolation, so only the bound is reported.
+* **χ² is not a parabola.** So each number of a cause is fixed at both ends of its 95 % interval, and all others are
+  fitted again. The penalised χ² must rise by 1.96². If the rise differs by more than a fifth, the end moves until it
+  agrees (`profiled`). This is the interval of the profile likelihood, which need not be symmetric. If errors of the
+  model (`model_error.py`) widen the interval by a factor, the required rise is larger by the square of this factor.
+* **Ranges are limited.** No interval exceeds the possible range: no friction drives its piston.
+* **Sampling is finite.** The travel over which a friction reverses is visible only if it contains several samples.
+  `Parameter.along` names the input along which a parameter is a length or a time. The resolution is the step of this
+  input between samples (`resolution`): in each run the mean step weighted by travel, Σ|Δ|²/Σ|Δ|, and over the runs the
+  mean weighted by the square of the parameter's column. A fit can give a shorter length and an interval, but they
+  depend on assumptions between samples (smoothing, interpolation). So only an upper bound is reported.
 """
 
 from __future__ import annotations
@@ -33,9 +32,9 @@ from diagnosis.finding import Estimate
 
 
 def intervals(effect: Hypothesis, model: FittedModel, covariance: Array) -> list[Estimate]:
-    """Return amplitude and shapes of an effect of a fitted model, as they are reported.
+    """Return the estimates of amplitude and shapes of an effect of a fitted model.
 
-    ``covariance`` (k, k) is that of the fit's numbers with the errors of the model in it.
+    ``covariance`` (k, k) is that of the fitted numbers, including errors of the model.
     """
     found = []
     for coordinate in effect_coordinates(effect):
@@ -54,9 +53,9 @@ def intervals(effect: Hypothesis, model: FittedModel, covariance: Array) -> list
 
 
 def resolution(model: FittedModel, place: int) -> float:
-    """Return the length below which the samples do not resolve a number of a fit, in its own unit; 0 of most numbers.
+    """Return the length below which the samples do not resolve a number of a fit, in its own unit; 0 for most numbers.
 
-    It is the step from sample to sample of the input along which the number is a length, in the runs that determine it.
+    It is the mean step between samples of the input along which the number is a length, in the runs that determine it.
     """
     along = model.point.coordinates[place].parameter.along
     if not along:
@@ -92,15 +91,17 @@ def below_resolution(model: FittedModel, effect: Hypothesis) -> list[str]:
 
 
 def profiled(model: FittedModel, place: int, wider: float = 1.0) -> tuple[float, float]:
-    """Return the ends of the 95 % interval of a number of a fit by the profile of χ², in engine units.
+    """Return the ends of the 95 % interval of a number of a fit from the profile of χ², in engine units.
 
-    They are ``wider`` than noise makes them by so much.
+    The interval is ``wider`` than that by noise alone, by this factor.
     """
     return _end(model, place, -1.0, wider), _end(model, place, 1.0, wider)
 
 
 def _end(model: FittedModel, place: int, side: float, wider: float) -> float:
-    """Return the end of the interval on one side: that of the covariance, if χ² agrees with it within a fifth."""
+    """Return the end of the interval on one side: that of the covariance if χ² agrees within a fifth, else that of
+    χ².
+    """
     number = float(model.point.numbers[place])
     low, high = model.point.coordinates[place].range
     reach = max(side * ((low if side < 0.0 else high) - number), 0.0)
@@ -132,9 +133,9 @@ def _end(model: FittedModel, place: int, side: float, wider: float) -> float:
 
 
 def _rise(model: FittedModel, place: int, number: float) -> float:
-    """Return by how much the penalised χ² rises where a number is held elsewhere and all others are fitted again.
+    """Return the rise of the penalised χ² if a number is fixed at ``number`` and all others are fitted again.
 
-    NaN where that fit does not come to rest: what it leaves undone is no rise.
+    NaN if this fit does not converge, because its χ² is then not the minimum.
     """
     point, covariance = model.point, model.covariance()
     moved = number - point.numbers[place]

@@ -1,4 +1,4 @@
-"""The loops over all samples that numpy has no word for, compiled; they release the interpreter."""
+"""Compiled loops over all samples, which numpy has no function for. They release the interpreter lock."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import numpy as np
 
 @numba.njit(cache=True, nogil=True)
 def filter_rows(values: Any, starts: Any, which: Any, weights: Any, reach: Any, out: Any) -> None:
-    """Filter each row of ``values`` (m, n): in stretches, each with a row of ``weights`` of so many predecessors.
+    """Filter each row of ``values`` (m, n) with an autoregressive filter that changes between stretches.
 
-    The inner loops run along time, so that they are vectorised.
+    Each stretch uses the row of ``weights`` at ``which``, for this sample and its predecessors. The inner loops run
+    along time so that the compiler vectorises them.
     """
     line = np.empty(values.shape[1])
     for k in range(values.shape[0]):
@@ -32,9 +33,10 @@ def filter_rows(values: Any, starts: Any, which: Any, weights: Any, reach: Any, 
 def quotients(
     outputs: Any, predictions: Any, distance: float, instants: Any, bounds: Any, out: Any, moved: Any
 ) -> None:
-    """Write (outputs − predictions)/distance of the samples (N,) that count, and which channels (c,) have ``moved``.
+    """Write (outputs − predictions)/distance of the samples (N,) that count to ``out``.
 
-    ``outputs`` and ``predictions`` are (c, n); ``instants`` (N,) and ``bounds`` (c + 1,) are those of a packing.
+    ``moved`` (c,) receives which channels are not 0. ``outputs`` and ``predictions`` are (c, n); ``instants`` (N,) and
+    ``bounds`` (c + 1,) are those of a packing.
     """
     for c in range(len(moved)):
         after, before = outputs[c], predictions[c]
@@ -51,7 +53,7 @@ def quotients(
 def block_products(values: Any, samples: Any, edges: Any, out: Any) -> None:
     """Write the inner products (m, b) of each row (n,) of ``values`` with ``samples`` (n,), between ``edges`` (b + 1,).
 
-    Four sums at a time, which a processor makes at once, in double precision.
+    Four sums in double precision run in parallel, so that the processor computes them at once.
     """
     for k in range(values.shape[0]):
         row = values[k]
@@ -81,9 +83,9 @@ def weighted_sum(numbers: Any, values: Any, out: Any) -> None:
 
 @numba.njit(cache=True, nogil=True)
 def add_rows(values: Any, chosen: Any, factors: Any, places: Any, out: Any) -> None:
-    """Add the ``chosen`` (k,) rows of ``values`` (m, n), each times its factor, to those of ``out`` at ``places``.
+    """Add the ``chosen`` (k,) rows of ``values`` (m, n), each times its factor, to the rows of ``out`` at ``places``.
 
-    Products and sums are of the width of ``out``.
+    Products and sums have the precision of ``out``.
     """
     for k in range(len(chosen)):
         factor, row, line = factors[k], values[chosen[k]], out[places[k]]

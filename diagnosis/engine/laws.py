@@ -1,21 +1,19 @@
-"""Step 8, laws of one phenomenon: other laws of a cause's phenomenon that these runs do not separate from it.
+"""Step 8, laws of one phenomenon: find other laws of a cause's phenomenon that these runs do not distinguish from it.
 
 Theory of operation
 -------------------
-A catalogue may hold several laws of one phenomenon: friction of rubber that turns over one travel or over several, one
-relaxation time or two. BIC takes the simplest that suffices, for each parameter has its price. That is right for a
-model that has to predict, and gives no information on the true law: a richer law contains the poorer one, is then never
-worse, and two travels that are near to each other *are* one in all data. So where a law is the cause, each other of its
-phenomenon is next to it that the data themselves do not contradict: whose penalised χ², without any price for
-parameters, is not larger by the gap that a verdict asks for, or by what the equation of the cause may be rough by; or
-whose BIC is not. Then the phenomenon is named, and no law.
+A catalogue may hold several laws of one phenomenon: friction of rubber with one breakaway travel or several, one
+relaxation time or two. BIC selects the simplest sufficient law, because it penalises each parameter. This is right for
+predictions, but does not identify the true law: a richer law includes the poorer one and never fits worse, and the data
+cannot separate two similar travels. So for a cause, all laws of its phenomenon are listed that the data do not
+contradict: their penalised χ² (without a penalty for the number of parameters) or their BIC is not larger by more than
+the gap of a verdict, or by the error of the cause's equation. Then the phenomenon is named, and no law.
 
-One case is left in which a richer law is distinguished from the poorer one that suffices: where all its shapes are
-resolved, and the interval of one of them ends at the limit of its range. It has become the poorer law then, such as
-friction that grows with the pressure by nothing.
+A richer law is not listed in one case: all its shapes are resolved, and the interval of one of them ends at the limit
+of its range. Then it has become the poorer law, for example friction with a growth of 0 with pressure.
 
-The tried laws are those fitted instead of the cause (`rivals.py`). A law that was never worth a fit, or is not
-physical, is distinguished from the cause.
+The tested laws are those fitted instead of the cause (`rivals.py`). A law without a fit, or with an unphysical one,
+counts as distinguished from the cause.
 """
 
 from __future__ import annotations
@@ -32,7 +30,7 @@ from diagnosis.estimates import Z95
 
 
 def alike_laws(hypotheses: Mapping[str, Hypothesis], name: str) -> list[str]:
-    """Return the other laws of the phenomenon of an effect."""
+    """Return the other laws of the same phenomenon as an effect."""
     phenomenon = hypotheses[name].phenomenon
     return [n for n, one in hypotheses.items() if phenomenon and one.phenomenon == phenomenon and n != name]
 
@@ -40,9 +38,9 @@ def alike_laws(hypotheses: Mapping[str, Hypothesis], name: str) -> list[str]:
 def indistinguishable_laws(
     found: SearchResult, hypotheses: Mapping[str, Hypothesis], gap: float, rough: float
 ) -> dict[str, list[Trial]]:
-    """Return the fits of other laws that each accepted effect is not distinguished from, by effect, best first.
+    """Return, by accepted effect, the fits of other laws that the data do not distinguish from it, best first.
 
-    ``gap`` is that of χ² which a verdict asks for, ``rough`` the part of λ that an equation may be inexact by.
+    ``gap`` is the gap of χ² that a verdict requires, ``rough`` the error of an equation as a part of λ.
     """
     return {
         one.effect: [
@@ -60,7 +58,7 @@ def indistinguishable_laws(
 
 
 def _became(richer: Hypothesis, trial: Trial, poorer: Hypothesis) -> bool:
-    """Return whether a richer law was fitted as the poorer one, by the end of the range of a shape."""
+    """Return whether the fit of a richer law equals the poorer one, because a shape is at the end of its range."""
     if len(richer.shapes) <= len(poorer.shapes):
         return False
     places = [trial.point.place(Coordinate(shape, richer.name)) for shape in richer.shapes]

@@ -1,10 +1,10 @@
-"""Memory that was used once goes back to the system: a diagnosis makes hundreds of megabytes of columns and drops them.
+"""Return unused memory to the system: a diagnosis allocates and drops hundreds of megabytes of columns.
 
-The C library keeps freed memory between used blocks, in a heap for each thread, and requests new memory elsewhere:
-after a few rounds a process is half as large again as its data. So columns have separate pages (`room`), which go with
-them, and all threads share one heap (`share_heap`). Free memory is returned where much was dropped (`give_back`), and
-not after every simulation, because it must be allocated again, page by page. Memory that Arrow keeps of read files is
-returned too: 150 MB for a record of seven minutes.
+The C library keeps freed memory between used blocks, in a heap per thread, and requests new memory elsewhere. After a
+few rounds a process uses 1.5 times the size of its data. So columns have separate pages, which are freed with them
+(`room`), and all threads share one heap (`share_heap`). Free memory is returned only after large drops (`give_back`),
+because new allocation costs time. Memory that Arrow keeps after reading files is returned too: 150 MB for a record of
+seven minutes.
 """
 
 from __future__ import annotations
@@ -22,7 +22,9 @@ from diagnosis.engine.config import OWN_PAGES
 
 
 def room(shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> NDArray[np.floating]:
-    """Return zeros, those of a large array in pages that go back with it, and that take nothing until written to."""
+    """Return zeros. Large arrays have their own pages, which use no memory until written and are freed with the
+    array.
+    """
     size = math.prod(shape) * np.dtype(dtype).itemsize
     if not _has_own_pages(size):
         return np.zeros(shape, dtype)
@@ -30,7 +32,7 @@ def room(shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> NDArray[np.fl
 
 
 def first_rows(values: NDArray[np.floating], count: int) -> NDArray[np.floating]:
-    """Return so many rows of what `room` gave (m, n); the pages of the others go back, whatever is in them."""
+    """Return the first ``count`` rows of an array (m, n) of `room`. The pages of the other rows are freed."""
     kept = values[:count]
     start = -(-(values.ctypes.data + kept.nbytes) // mmap.PAGESIZE) * mmap.PAGESIZE
     size = (values.ctypes.data + values.nbytes - start) // mmap.PAGESIZE * mmap.PAGESIZE
@@ -44,20 +46,20 @@ def _has_own_pages(size: int) -> bool:
 
 
 def share_heap() -> None:
-    """Let threads that begin from now on share one heap, where the C library can (glibc)."""
+    """Let threads that start from now on share one heap, if the C library supports this (glibc)."""
     largest_number_of_heaps = -8  # M_ARENA_MAX of malloc.h
     _call("mallopt", largest_number_of_heaps, 1)
 
 
 def give_back() -> None:
-    """Return memory that is free to the system, where the C library can (glibc), and what Arrow keeps if it is used."""
+    """Return free memory to the system, if the C library supports this (glibc), and unused memory of Arrow."""
     _call("malloc_trim", 0)
     if arrow := sys.modules.get("pyarrow"):
         arrow.default_memory_pool().release_unused()
 
 
 def _call(function: str, *arguments: Any) -> None:
-    """Call a function of the C library, if it has that."""
+    """Call a function of the C library if it exists."""
     found = getattr(ctypes.CDLL(None), function, None) if sys.platform == "linux" else None
     if found is not None:
         found(*arguments)

@@ -1,34 +1,33 @@
-"""Step 9, intervals: how far the numbers of a fit may be off because the model itself is not exact.
+"""Step 9, intervals: widen the covariance of a fit for errors of the model itself.
 
 Theory of operation
 -------------------
-The covariance of least squares knows of noise alone. Where the model is rougher than the noise, the numbers absorb a
-part of its error, however many samples there are. Four measures of that are added to the covariance, and one limits the
+The covariance of least squares includes only noise. If the errors of the model exceed the noise, the numbers absorb a
+part of them, whatever the number of samples. Four measures of this are added to the covariance, and one limits the
 first two:
 
-* **A smooth error of the form** (`_of_form`). A simulator's surfaces represent whatever a model may lack. Take the
-  coefficients c of one as random, with an unknown common spread τ in units of their prior spread: then the fit is off
-  by R·c, where R is the regression of its numbers on the surface's columns, and its covariance grows by τ²·R·Rᵀ. The
-  projected scores of the surface determine τ, for in the eigenvectors of their information g they have variances φ·g +
-  τ²·g². τ² is its mean over that likelihood, with τ as large as is assumed of the surface (normal, 1) before: where a
-  small error would not be seen, it is not denied. Asked are the directions that stand far above the noise; in the
-  others, what the surface cannot say of the error would pass for a large τ. Of several surfaces, the one with the
-  clearest error counts.
-* **What a cause owes to the form** (`_of_inconstancy`). A cause that is not the same in all stretches of the runs
-  (`constancy.py`) is off where it is fitted to all of them as well. A unit of χ² is one variance of the amplitude. Of
-  the excess E, half lies in the direction of the cause itself, and in the sum over all stretches a part of that
-  cancels: the variance grows by a quarter of E, and the numbers that make room for the cause go with it.
-* **Not more than select runs leave** (`_bounded`). Both state what the form could do. What it did is seen on the runs
-  that chose the model: an amplitude may be off by the part of the error at most that its cause leaves there
-  (`prediction_share.py`). More than that, as a standard deviation, the form adds to no amplitude.
-* **The scatter between repeats** (`_of_repeats`). Where there are records enough, or at least runs, each pulls at the
-  numbers with its own gradient. In a right model they differ as noise does; specimens, mountings and days make
-  them differ by more. The sandwich of these gradients, J⁻¹·(Σ g·gᵀ)·J⁻¹, is the covariance that they show, wider by
-  Student's factor for so few of them. It counts where it is the larger one.
-* **Errors without a trace** (`_unseen`). A simulator may know of its inputs that an error of theirs is imitated exactly
-  by its parameters, as a laser's zero is by areas and volumes. However good the fit, they are off by as much.
+* **A smooth error of the form** (`_of_form`). A simulator's surfaces represent any missing term. Let the coefficients c
+  of one surface be random, with an unknown common spread τ in units of their prior spread. Then the error of the fit is
+  R·c, where R is the regression of its numbers on the surface's columns, and its covariance grows by τ²·R·Rᵀ. The
+  projected scores of the surface determine τ, because along the eigenvectors of their information g they have the
+  variances φ·g + τ²·g². τ² is its mean over this likelihood with the prior τ ~ normal(0, 1), so an error too small to
+  see is not excluded. Only directions far above the noise are used, because the others would give too large a τ. Of
+  several surfaces, the one with the clearest error counts.
+* **A cause that varies** (`_of_inconstancy`). If a cause is not the same in all stretches of the runs (`constancy.py`),
+  its fit to all of them is inexact too. A unit of χ² is one variance of the amplitude. Half of the excess E is in the
+  direction of the cause itself, and a part of it cancels over the stretches. So the variance grows by a quarter of E,
+  with that of the correlated numbers.
+* **A limit from the select runs** (`_bounded`). Both measures above are possible errors. The select runs show the
+  actual one: the relative error of an amplitude is at most the part of the error that its cause leaves there
+  (`prediction_share.py`). This limits the added standard deviation.
+* **The scatter between repeats** (`_of_repeats`). With enough records, or at least runs, each has its own gradient of
+  χ². In an exact model the gradients differ only by noise; different specimens, mountings and days increase the
+  difference. The sandwich of these gradients, J⁻¹·(Σ g·gᵀ)·J⁻¹, is the observed covariance, times Student's factor for
+  their number. It is used if it is larger.
+* **Unseen errors** (`_unseen`). Parameters may imitate an error of the inputs exactly: areas and volumes imitate the
+  zero of a laser. The simulator declares such errors. They are added, however good the fit is.
 
-Estimates do not change; only their intervals grow. With the structure right and noise alone, they add next to nothing.
+Estimates do not change; only their intervals grow. For an exact model with noise they grow hardly at all.
 """
 
 from __future__ import annotations
@@ -55,9 +54,10 @@ from diagnosis.estimates import Z95
 
 
 def widened(model: FittedModel, tests: Sequence[Omnibus], left: ResidualBound | None = None) -> Array:
-    """Return the covariance (k, k) of a fit's numbers that holds errors of the model; ``tests`` are of its surfaces.
+    """Return the covariance (k, k) of the numbers of a fit, including errors of the model; ``tests`` are of its
+    surfaces.
 
-    ``left`` states what the select runs leave of each cause.
+    ``left`` returns the error that each cause leaves on the select runs.
     """
     covariance = _of_form(model, tests) + _of_inconstancy(model)
     if left is not None:
@@ -73,7 +73,9 @@ def widened(model: FittedModel, tests: Sequence[Omnibus], left: ResidualBound | 
 
 
 def _bounded(model: FittedModel, covariance: Array, left: ResidualBound) -> Array:
-    """Return a covariance (k, k) in which the form widens no amplitude by more than the select runs allow."""
+    """Return a covariance (k, k) in which errors of the equations widen no amplitude more than the select runs
+    allow.
+    """
     plain = model.covariance()
     more = covariance - plain
     factor = np.ones(len(plain))
@@ -86,12 +88,12 @@ def _bounded(model: FittedModel, covariance: Array, left: ResidualBound) -> Arra
 
 
 def _causes(model: FittedModel) -> list[str]:
-    """Return the effects of a model that are causes; a surface is none."""
+    """Return the effects of a model that are causes, without surfaces."""
     return [effect for effect in model.effects if effect in model.replay.simulator.catalogue]
 
 
 def _unseen(model: FittedModel) -> Array:
-    """Return the covariance (k, k) of errors that leave no trace in the data."""
+    """Return the covariance (k, k) from errors that the data cannot show."""
     simulator, coordinates = model.replay.simulator, model.point.coordinates
     total = np.zeros((len(coordinates), len(coordinates)))
     for error in simulator.unseen_errors:
@@ -122,7 +124,7 @@ def _of_form(model: FittedModel, tests: Sequence[Omnibus]) -> Array:
 
 
 def _of_inconstancy(model: FittedModel) -> Array:
-    """Return the covariance (k, k) of what the causes of a model owe to its form."""
+    """Return the covariance (k, k) from causes of a model that vary between stretches."""
     covariance = model.covariance()
     total = np.zeros_like(covariance)
     for effect in _causes(model):
@@ -134,7 +136,7 @@ def _of_inconstancy(model: FittedModel) -> Array:
 
 
 def _spread(test: Omnibus, dispersion: float) -> tuple[float, float, Omnibus]:
-    """Return how likely a surface's error is against none (ln), and the mean of its τ²."""
+    """Return ln of the likelihood ratio of an error of a surface against none, and the mean of its τ²."""
     values, vectors = np.linalg.eigh(test.projection.information)
     shown = values > SHOWN_INFORMATION * dispersion
     information, scores = values[shown], vectors[:, shown].T @ test.projection.score
@@ -148,7 +150,7 @@ def _spread(test: Omnibus, dispersion: float) -> tuple[float, float, Omnibus]:
 
 
 def _of_repeats(model: FittedModel) -> Array | None:
-    """Return the variances (k,) that records or runs show by their scatter; None where there are too few."""
+    """Return the variances (k,) from the scatter of records or runs; None if there are too few."""
     linearisation, runs = model.linearisation, model.replay.runs
     for groups in ([run.experiment.record for run in runs], [run.experiment.name for run in runs]):
         names = list(dict.fromkeys(groups))

@@ -1,12 +1,12 @@
-"""After an ambiguous verdict (step 8): which run of a menu, or which reference, would decide between the rivals.
+"""After an ambiguous verdict (step 8): find the run of a menu, or the calibration, that decides between the rivals.
 
 Theory of operation
 -------------------
-Rivals explain the data there are; they need not predict the same of a run that was not done. If one of them is true,
-the other predicts that run worse by some log predictive density, after its parameters have adapted within their present
-uncertainty. Twice that is the BIC gap which the run would add. The true one is not known, so the smaller of both
-directions counts; among several rivals, the pair that a run separates least (`rank`, after Hunter and Reiner 1965,
-Buzzi-Ferraris and Forzatti 1983). Divided by the minutes of the rig, it ranks the menu.
+Rivals explain the existing data, but may predict different outputs for a new run. If one is true, the other predicts
+the new run with a lower log predictive density, after its parameters have adapted within their present uncertainty.
+Twice the difference is the BIC gap which the run would add. The true one is unknown, so the smaller gap of both
+directions counts; with several rivals, that of the pair that the run separates least (`rank`, after Hunter and Reiner
+1965, Buzzi-Ferraris and Forzatti 1983). The gap per minute of the rig ranks the menu.
 
 A base parameter may imitate the difference of two rivals. Then no run of the same kind helps, but a separate
 measurement of that parameter does, for example a calibration. `sensors` fixes one parameter after the other and returns
@@ -32,9 +32,9 @@ from diagnosis.finding import NextRun, NextSensor
 
 
 def rank(rivals: Sequence[FittedModel], menu: Sequence[Experiment]) -> list[NextRun]:
-    """Rank experiments by how far they would part the two rivals that they deviate least, per minute of the rig.
+    """Rank experiments by the BIC gap between the two least separated rivals, per minute of the rig.
 
-    A gap under ``SEPARABLE`` may be an upper bound: parameters did not adapt. Raises ``DiagnosisError`` for an
+    A gap below ``SEPARABLE`` may be an upper bound, because parameters did not adapt. Raises ``DiagnosisError`` for an
     experiment without minutes.
     """
     return sorted(
@@ -64,20 +64,22 @@ def _ranked(rivals: Sequence[FittedModel], experiment: Experiment) -> NextRun:
 
 
 def separation(first: FittedModel, second: FittedModel, experiment: Experiment) -> float:
-    """The BIC gap which an experiment adds between two fitted models, whichever of them is true; the smaller one."""
+    """Return the BIC gap which an experiment adds between two fitted models: the smaller one, whichever model is
+    true.
+    """
     return _separation(first, second, _forecasts(_simulated((first, second), experiment)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Forecast:
-    """An experiment as one model predicts it, and the log predictive density which that model then has of it."""
+    """An experiment as predicted by one model, and the log predictive density of this model for it."""
 
     run: MeasuredRun
     prediction: Prediction
 
 
 def _simulated(models: Sequence[FittedModel], experiment: Experiment) -> dict[FittedModel, MeasuredRun]:
-    """Return the experiment as each model predicts it; NaN where its record would not count what it reads."""
+    """Return the experiment as each model predicts it; NaN where the record would not count the sample."""
     simulator = models[0].replay.simulator
     shape = (experiment.time.size, len(simulator.channels))
     always, never = np.ones(shape[0], dtype=bool), np.zeros(shape[0], dtype=bool)
@@ -92,13 +94,13 @@ def _simulated(models: Sequence[FittedModel], experiment: Experiment) -> dict[Fi
 
 
 def _distance(first: FittedModel, second: FittedModel, runs: Mapping[FittedModel, MeasuredRun]) -> float:
-    """χ² between the predictions of two models before any parameter adapts, under the noise of the first."""
+    """Return χ² between the predictions of two models before any parameter adapts, under the noise of the first."""
     (whiten,) = filters(first.noise, [runs[first]])
     return float(np.sum(whiten(runs[first].outputs - runs[second].outputs) ** 2)) / first.noise.dispersion
 
 
 def _forecasts(runs: Mapping[FittedModel, MeasuredRun]) -> dict[FittedModel, _Forecast]:
-    """Return how well each model predicts its run. Under one noise they share the columns of their nuisances."""
+    """Return how well each model predicts its run. Models with the same noise share the columns of their nuisances."""
     forecasts: dict[FittedModel, _Forecast] = {}
     for model, run in runs.items():
         known = next(
@@ -113,7 +115,7 @@ def _separation(first: FittedModel, second: FittedModel, forecasts: Mapping[Fitt
 
 
 def _advantage(true: FittedModel, other: FittedModel, forecasts: Mapping[FittedModel, _Forecast]) -> float:
-    """2·(lpd of the true model − lpd of the other one) on the run as the true model predicts it."""
+    """Return 2·(lpd of the true model − lpd of the other one) on the run as the true model predicts it."""
     forecast, known = forecasts[true], forecasts[other].prediction.linearisation
     return 2.0 * (forecast.prediction.lpd - predict(other, [forecast.run], known).lpd)
 
@@ -123,10 +125,10 @@ def _name(model: FittedModel) -> str:
 
 
 def sensors(first: FittedModel, second: FittedModel) -> list[NextSensor]:
-    """References that would separate two rivals on the existing runs, best first: nuisances to be calibrated.
+    """Return nuisances whose calibration would separate two rivals on the existing runs, best first.
 
-    For each nuisance: the BIC gap λ²(1 − cosine²) of the first rival's effects against the second rival, if the
-    nuisance could no longer adapt.
+    The rank is by the BIC gap λ²(1 − cosine²) of the first rival's effects against the second rival, if the nuisance
+    could not adapt.
     """
     footprint = _footprint(first, second)
     base = second.linearisation
@@ -150,7 +152,7 @@ def sensors(first: FittedModel, second: FittedModel) -> list[NextSensor]:
 
 
 def _footprint(first: FittedModel, second: FittedModel) -> list[Array]:
-    """What the effects of the first model that the second lacks change in the outputs: whitened (N,) of each run."""
+    """Return the change of the outputs by effects that only the first model has: whitened (N,), for each run."""
     point = first.point
     numbers = point.numbers.copy()
     for own in set(first.effects) - set(second.effects):
@@ -168,7 +170,7 @@ def _footprint(first: FittedModel, second: FittedModel) -> list[Array]:
 def _unexplained(
     linearisation: Linearisation, footprint: Sequence[Array], free: np.ndarray[tuple[int], np.dtype[np.bool_]]
 ) -> float:
-    """The squared norm of a footprint after projection on the free coordinates."""
+    """Return the squared norm of a footprint after projection on the free coordinates."""
     mixed, own = np.zeros(len(free)), 0.0
     for block, values in zip(linearisation.blocks, footprint, strict=True):
         mixed[block.places] += block.times(values)

@@ -2,10 +2,10 @@
 
 Theory of operation
 -------------------
-Of what no model explains (`noise_estimate.py`), the autocovariances at lags 0…p are taken over pairs of samples that
-were both measured in the same run. Yule and Walker's equations make an autoregression of them, of an order p ≤ 10 by
-BIC. It is what whitens residuals and footprints (`whitening.py`). Without that, noise with AR(1) coefficients of 0.3,
-0.6 and 0.9 gives a test at 1 % false alarms of 9, 35 and 61 %.
+The autocovariances of the unexplained part (`noise_estimate.py`) at lags 0…p are computed from pairs of samples that
+were both measured in the same run. The equations of Yule and Walker give an autoregression of order p ≤ 10, selected by
+BIC. It whitens residuals and footprints (`whitening.py`). Without whitening, noise with AR(1) coefficients of 0.3, 0.6
+and 0.9 increases the false alarms of a test at 1 % to 9, 35 and 61 %.
 """
 
 from __future__ import annotations
@@ -44,7 +44,10 @@ class ChannelNoise:
         return float(np.sqrt(self.predictor(np.ones(self.order, bool))[1]))
 
     def predictor(self, measured: Mask) -> tuple[Array, float]:
-        """Return the best weights (m,) of the last m samples, latest first, 0 where not measured; and the variance."""
+        """Return the best weights (m,) of the last m samples, latest first, and the variance of the prediction error.
+
+        A weight is 0 if its sample was not measured.
+        """
         weights = np.zeros(len(measured))
         lags = np.flatnonzero(measured) + 1
         if self.order == 0 or lags.size == 0:
@@ -55,7 +58,7 @@ class ChannelNoise:
         return weights, float(covariance[0] - weights[lags - 1] @ right)
 
     def correlations(self, lag: int) -> Array:
-        """Return the autocorrelations at lags 0 to ``lag``, or to where nothing is left of them."""
+        """Return the autocorrelations at lags 0 to ``lag``, or to the lag where they have vanished."""
         reach = self.order
         while True:
             known = self._extended(min(reach, lag)) / self.autocovariance[0]
@@ -64,7 +67,7 @@ class ChannelNoise:
             reach *= 2
 
     def _extended(self, lag: int) -> Array:
-        """Autocovariances up to a lag; those beyond p follow from the autoregression."""
+        """Return the autocovariances up to ``lag``; those beyond p follow from the autoregression."""
         known = np.array(self.autocovariance)
         if lag <= self.order:
             return known
@@ -78,10 +81,10 @@ class ChannelNoise:
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """The noise of every channel.
+    """The noise of all channels.
 
-    ``dispersion`` φ ≥ 1 is by how much scores scatter more than this noise allows, because the model is not exact: χ²
-    and precisions are divided by φ. Filters leave it out, so that single samples stay white.
+    ``dispersion`` φ ≥ 1 is the excess scatter of the scores over this noise, because the model is not exact: χ² and
+    precisions are divided by φ. Filters do not include it, so that single samples stay white.
     """
 
     channels: tuple[ChannelNoise, ...]
@@ -96,9 +99,9 @@ def white(deviations: Sequence[float]) -> Noise:
 def estimate(
     channels: Sequence[Channel], leftovers: Sequence[Array], counted: Sequence[Mask], spent: float = 0.0
 ) -> Noise:
-    """Estimate the noise from what a model that explains everything explainable leaves, (n, c) of each run.
+    """Estimate the noise from ``leftovers`` (n, c) of each run, the residuals after everything explainable was fitted.
 
-    ``spent`` is the number of coefficients which that model has fitted.
+    ``spent`` is the number of coefficients of that fit.
     """
     total = sum(int(c.sum()) for c in counted)
     freedom = total / max(total - spent, 0.5 * total)
@@ -116,7 +119,7 @@ def estimate(
 
 
 def quietest(channel: Channel) -> float:
-    """Return the standard deviation below which no noise of a channel is assumed: its resolution, its data sheet."""
+    """Return the least standard deviation of a channel's noise, from its resolution and its data sheet."""
     return float(np.hypot(channel.resolution / np.sqrt(12.0), LEAST_OF_DATA_SHEET * channel.noise))
 
 

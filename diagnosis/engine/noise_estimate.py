@@ -1,19 +1,18 @@
-"""Step 3, noise: what a linear model of everything leaves, and by how much scores scatter more than that.
+"""Step 3, noise: estimate it from the residual of a linear model of everything, and the excess scatter of scores.
 
 Theory of operation
 -------------------
-Scores are measured in standard deviations of the noise. Taken from the errors of the base model, the noise would hold
-the very effect that is looked for; data sheets know neither its spectrum nor the day. So everything that anybody will
-look for is fitted away first, by linear least squares: all parameters of the model, the footprints of all candidates,
-the coefficients of all surfaces. Whatever is there, nothing of it is in the leftover, and `noise.estimate` makes an
-autoregression of each channel of it (`leftover_noise`). Residuals and footprints pass the same whitening filter;
-after that, noise is white and has variance 1.
+Scores are measured in standard deviations of the noise. Residuals of the base model would include the effect to be
+found, and data sheets do not give the spectrum of the noise. So all possible terms are fitted first, by linear least
+squares: the parameters of the model, the footprints of all candidates, the coefficients of all surfaces. The remaining
+residual contains no effect, and `noise.estimate` fits an autoregression to each channel of it (`leftover_noise`).
+Residuals and footprints pass the same whitening filter; after that, the noise is white and has variance 1.
 
-No filter of single channels sees what lasts, or what several channels share: errors of the model's form, of the
-inputs. The sandwich estimate of robust statistics does (`overdispersion`): the variance of a score is the sum of
-squares of what the blocks of a run contribute to it, each block far longer than the noise remembers. Where scores
-scatter more than whitened noise allows, they count less by the excess: each candidate's score by its own, χ² and
-precisions by the median over all candidates (`Noise.dispersion`).
+Filters of single channels do not show slow errors, or errors that several channels share, such as errors of the
+equations and of the inputs. The sandwich estimate of robust statistics shows them (`overdispersion`): the variance of a
+score is the sum of squares of the contributions of the blocks of a run. Each block is much longer than the correlation
+time of the noise. If scores scatter more than whitened noise allows, they are reduced by the excess: each candidate's
+score by its own, χ² and precisions by the median over all candidates (`Noise.dispersion`).
 """
 
 from __future__ import annotations
@@ -35,9 +34,9 @@ from diagnosis.engine.whitening import filters
 
 
 def leftover_noise(replay: Replay, around: Footprints) -> Noise:
-    """Return the noise that a linear fit leaves of the model's own columns and of everything that is looked for.
+    """Return the noise from the residual of a linear fit of the model's columns and of all possible missing terms.
 
-    The fit weighs each channel by the root mean square of its errors, since the noise is not known yet.
+    The fit weights each channel by the root mean square of its errors, because the noise is not known yet.
     """
     point, channels = around.point, replay.simulator.channels
     residuals = replay.residuals(around.predictions)
@@ -73,11 +72,11 @@ def overdispersion(
     directions: Array | None = None,
     workers: int = 1,
 ) -> Array:
-    """Return by how much the scores of columns scatter more than whitened noise allows (m,), at least 1.
+    """Return the factors (m,), at least 1, by which the variance of the scores exceeds that of whitened noise.
 
     ``projection`` is that of the ``columns`` of each run. For sums of columns, each row of ``directions`` (v, m) holds
-    the coefficients of one sum. What the columns explain together counts as no error, so that an effect does not hide
-    itself. So many ``workers`` share the runs.
+    the coefficients of one sum. The part that the columns explain together is no error, so that an effect does not hide
+    itself. The runs are divided among ``workers`` threads.
     """
     directions = np.eye(columns[0].size) if directions is None else directions
     seen = projection.along(directions)

@@ -3,10 +3,10 @@
 Theory of operation
 -------------------
 The coefficients of a surface are tested together, like one candidate with many amplitudes: χ² = sᵀ G⁺ s of their
-projected scores s, in the directions that the data would show. G is their Gram matrix per prior spread: where one of
-its eigenvalues is below 1, a surface as large as is assumed stays under the noise, and looking there would only add
-chance. χ² counts as much less as scores scatter more than the noise allows (Rao and Scott). Of all views, the one with
-the smallest p-value counts, multiplied by their number. `unknown.py` uses the result of the test.
+projected scores s, in the directions that the data can show. G is their Gram matrix per prior spread. If one of its
+eigenvalues is below 1, a surface of the expected size is below the noise in this direction, so the direction is left
+out. χ² is divided by the excess scatter of the scores (Rao and Scott). Of all views, the one with the smallest p-value
+counts, multiplied by their number. `unknown.py` uses the result of the test.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from diagnosis.engine.threads import in_threads
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Omnibus:
-    """The score test of one surface: χ² of its coefficients together, or of the sums along one coordinate.
+    """The score test of one surface: χ² of all its coefficients together, or of the sums along one coordinate.
 
-    ``p`` is the chance of one as large in any of these views. ``projection`` is that of the columns of its m
-    coefficients, ``start`` (m,) what the score estimates of them, in units of their prior spread, and ``cosines`` those
-    between what that makes and each candidate.
+    ``p`` is the probability of an equally large χ² by chance in any of these views. ``projection`` is that of the
+    columns of its m coefficients. ``start`` (m,) are the coefficients estimated from the score, in units of their prior
+    spread. ``cosines`` are those between the surface with these coefficients and each candidate.
     """
 
     surface: Surface
@@ -44,7 +44,7 @@ class Omnibus:
 
     @property
     def excess(self) -> float:
-        """Return what χ² exceeds chance by."""
+        """The excess of χ² over chance."""
         return self.statistic - self.freedom
 
 
@@ -56,10 +56,9 @@ def score_tests(
     candidates: int,
     workers: int = 1,
 ) -> tuple[Omnibus, ...]:
-    """Test every surface; so many ``workers`` share them.
+    """Test every surface with ``workers`` threads.
 
-    The whitened ``columns`` of each run, and their ``projection``, are those of so many ``candidates``, then of the
-    surfaces.
+    The whitened ``columns`` of each run, and their ``projection``, hold first the ``candidates``, then the surfaces.
     """
 
     def test(one: tuple[Surface, int]) -> Omnibus:
@@ -107,7 +106,7 @@ def _score_test(
 
 
 def _views(surface: Surface) -> list[Array]:
-    """Orthonormal directions (k, m) of all m coefficients, then of what depends on one coordinate alone."""
+    """Return orthonormal directions (k, m): all m coefficients, then for each coordinate the functions of it alone."""
     views = [np.eye(len(surface.coefficients))]
     for axis in np.array(surface.centres).T:
         alone = (axis == np.unique(axis)[:, np.newaxis]).astype(np.float64)

@@ -1,4 +1,4 @@
-"""P-values: how likely chance alone makes a statistic at least as large."""
+"""P-values: the probability of an equally large statistic by chance."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ from scipy.special import chdtrc, stdtr
 
 
 def p_of_chi2(value: float, freedom: int) -> float:
-    """The chance of a χ² at least as large."""
+    """Return the probability of χ² ≥ ``value``."""
     return float(chdtrc(freedom, max(value, 0.0))) if freedom > 0 else 1.0
 
 
 def p_of_t(value: float, freedom: int) -> float:
-    """The chance of a Student t at least as far from 0."""
+    """Return the probability that the size of a Student t is at least that of ``value``."""
     return float(2.0 * stdtr(freedom, -abs(value)))
 
 
 def bonferroni(p: float, looks: int) -> float:
-    """Bonferroni: the chance of the smallest of so many p-values."""
+    """Return the p-value of the smallest ``p`` of several tests (``looks``), by Bonferroni."""
     return min(1.0, p * max(looks, 1))

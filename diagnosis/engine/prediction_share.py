@@ -1,12 +1,11 @@
-"""How much of the error a cause, as fitted, takes from the select runs, which it was not fitted to.
+"""The part of the error of the select runs that a cause, as fitted to other runs, removes.
 
 Theory of operation
 -------------------
-The form of a model is a little wrong somewhere, and a cause may owe its evidence to that (`constancy.py`). A cause that
-only compensates the form helps little on runs that it was not fitted to. So the remaining error there bounds the error
-of a cause: an amplitude that is off by a part δ leaves that part of the error that the cause explains, with the base
-parameters making room for it on both sides. The part left, as a root, is thus the largest δ. It is known no better than
-the noise floor, and says nothing where that is all there is.
+The equations of a model are slightly wrong, and this may be the only evidence for a cause (`constancy.py`). Such a
+cause helps little on runs that it was not fitted to. So the remaining error there limits the error of a cause: an
+amplitude with the relative error δ leaves the part δ of the error that the cause explains. The root of the remaining
+part is thus the largest δ. Its accuracy is that of the noise floor, and it is undefined if there is only noise.
 """
 
 from __future__ import annotations
@@ -25,12 +24,12 @@ ResidualBound = Callable[[FittedModel, str], float]
 
 
 def is_predicted(model: FittedModel, effect: str, select: Sequence[MeasuredRun], floors: Array) -> bool:
-    """Return whether an effect, as fitted, takes most of the error of all channels from the select runs."""
+    """Return whether an effect, as fitted, removes most of the error of all channels on the select runs."""
     return bool(select) and _left(model, effect, select, floors) < PREDICTED_SHARE
 
 
 def residual_bound(select: Sequence[MeasuredRun], floors: Array) -> ResidualBound:
-    """Return what states how large a part of its amplitude an effect of a model may be off, by the select runs."""
+    """Return a function for the largest relative error of an effect's amplitude by the select runs."""
 
     def left(model: FittedModel, effect: str) -> float:
         part = _left(model, effect, select, floors, unsure=True) if select else math.nan

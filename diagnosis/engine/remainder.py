@@ -1,17 +1,16 @@
-"""Step 9, remainder: how many times the noise the extended model leaves, and what each cause gains, on unseen runs.
+"""Step 9, remainder: the error of the extended model over the noise, and the gain by each cause, on unseen runs.
 
 Theory of operation
 -------------------
-A name that passes every gate may still be a relative of the true cause, the nearest that the catalogue has, or a part
-of it. What the runs say that nothing was fitted to decides how much is claimed:
+A cause that passes every gate may still be only similar to the true cause, or a part of it. Runs that nothing was
+fitted to limit the claim:
 
-* more than `REMAINDER_RATIO` times the noise left: whatever was named, something else is there, and the verdict
-  says so;
-* besides, more than `RELATIVE` of the error left in every channel: what explains so little of what it was named for is
-  a relative of the cause, and not the cause. Nothing is named then;
-* a cause without which the runs are predicted as well gains nothing there. It may be true and small; it says so.
+* error above `REMAINDER_RATIO` times the noise: there is another cause, and the verdict says so;
+* in addition, more than `RELATIVE` of the error left in every channel: the named cause explains so little that it is
+  only similar to the true one. Then nothing is named;
+* equal prediction without a cause: the cause gains nothing there. It may be true and small; the report says so.
 
-All is measured on the report runs; where there are none, on the select runs; else on the fit runs.
+All figures are for the report runs; without them, for the select runs; otherwise for the fit runs.
 """
 
 from __future__ import annotations
@@ -30,10 +29,10 @@ from diagnosis.engine.fitting.predict import Prediction, predict
 
 @dataclass(frozen=True, slots=True)
 class Remainder:
-    """Errors over the noise before and after, all channels together, on the runs of a ``role``.
+    """Ratio of error to noise before and after, over all channels, on the runs of a ``role``.
 
-    ``left`` is the least part of the explainable error that remains in any channel, as a root of squares; NaN where
-    nothing was to be explained. ``without`` is the error over the noise without each cause, by name.
+    ``left`` is the smallest remaining part of the explainable error in any channel, as a root; NaN without explainable
+    error. ``without`` is the ratio of error to noise without each cause, by name.
     """
 
     role: Role
@@ -44,23 +43,23 @@ class Remainder:
 
     @property
     def large(self) -> bool:
-        """Whether more is left than noise makes."""
+        """Whether the remaining error is above the noise."""
         return self.after > REMAINDER_RATIO
 
     @property
     def relative(self) -> bool:
-        """Whether the named causes explain so little that the cause must be another one."""
+        """Whether the named causes explain so little that the true cause must be another one."""
         return self.large and self.left > RELATIVE
 
     def gained(self, cause: str) -> float:
-        """Return the part of the explainable squared error that is gone with a cause; NaN where there is none."""
+        """Return the part of the explainable squared error that a cause removes; NaN without explainable error."""
         square = self.without[cause] ** 2
         left = max(self.after, 1.0) ** 2
         return (square - left) / (square - 1.0) if square > EXPLAINABLE**2 else float("nan")
 
 
 def held_back(data: Dataset) -> tuple[Role, tuple[MeasuredRun, ...]]:
-    """Return the runs that the fit has seen least of, and their role."""
+    """Return the runs that the fit used least, and their role."""
     roles: tuple[Role, ...] = ("report", "select", "fit")
     return next((role, data.of(role)) for role in roles if data.of(role))
 
@@ -74,9 +73,9 @@ def remainder(
     causes: Sequence[str],
     floors: Array,
 ) -> Remainder:
-    """Measure the remaining error of ``after`` relative to ``before`` on the same runs.
+    """Measure the error of ``after`` and of ``before`` on the same runs.
 
-    ``model`` is the extended one, ``base`` the one without any effect under the same noise.
+    ``model`` is the extended model, ``base`` the model without effects under the same noise.
     """
     total = noise_ratio(after, floors)
     runs = after.replay.runs
@@ -92,7 +91,7 @@ def remainder(
 
 
 def least_left(before: Prediction, after: Prediction, floors: Array) -> float:
-    """Return the least part of the explainable error that remains in any channel that has one."""
+    """Return the smallest remaining part of the explainable error among channels that have one, as a root."""
     squares = np.array([mean_squares(before), mean_squares(after)]) / floors**2
     some = squares[0] > EXPLAINABLE**2
     if not some.any():
@@ -102,10 +101,10 @@ def least_left(before: Prediction, after: Prediction, floors: Array) -> float:
 
 
 def part_left(before: Prediction, after: Prediction, floors: Array, *, unsure: bool = False) -> float:
-    """Return the part of the explainable error of all channels together that remains, as a root; NaN if there is none.
+    """Return the remaining part of the explainable error over all channels, as a root; NaN without explainable error.
 
-    A channel that hardly has any, and reaches its noise by chance, does not support the others. ``unsure``: at most,
-    if what the noise floors are uncertain by were left as well.
+    A channel with hardly any explainable error, which reaches its noise by chance, does not outweigh the others.
+    ``unsure`` returns the upper limit within the uncertainty of the noise floors.
     """
     explainable, left = np.maximum(
         np.array([mean_squares(before), mean_squares(after)]) / floors**2 - 1.0, 0.0
@@ -115,7 +114,7 @@ def part_left(before: Prediction, after: Prediction, floors: Array, *, unsure: b
 
 
 def mean_squares(prediction: Prediction) -> Array:
-    """Return the mean squared error of each channel (c,), 0 where nothing counts."""
+    """Return the mean squared error of each channel (c,), 0 if no sample counts."""
     errors = [
         np.where(run.counted, run.outputs - predicted, np.nan)
         for run, predicted in zip(prediction.replay.runs, prediction.outputs, strict=True)

@@ -1,17 +1,15 @@
-"""Step 6, the swap pass: rivals are tried instead of each accepted effect, and a better one takes it.
+"""Step 6, the swap pass: test rivals in place of each accepted effect; a better one replaces it.
 
 Theory of operation
 -------------------
-What entered first was the best alone. Together with a second cause, or under the noise that is estimated with it in the
-model, another may be better. So after each entry the alternatives of every accepted effect are fitted in its place:
-those which explained a good part when it entered, other laws of the same phenomenon (`laws.py`), and those which it
-replaced itself. The best swap that lowers the BIC is
-made and the pass begins again, under the noise of the new model.
+The first effect was the best one alone. Together with a second cause, or under the noise estimated with it, another may
+be better. So after each entry the alternatives of every accepted effect are fitted in its place: effects that explained
+a large part when it entered, other laws of the same phenomenon (`laws.py`), and effects that it replaced. The best swap
+that lowers the BIC is made, and the pass begins again under the noise of the new model.
 
-Under another noise, what went may look better again. Then the two sets of effects are compared, each under its own
-noise, by the likelihood of the measured samples with all constants (`_criterion`): χ² alone cannot compare two noises.
-The better one stays, so that the pass ends, and ends on the better of the two. In that currency the other one is its
-rival.
+Under another noise a removed effect may look better again. Then the two sets of effects are compared, each under its
+own noise, by the likelihood of the measured samples with all constants (`_criterion`), because χ² alone cannot compare
+two noises. The better set stays, so the pass ends. The other one is its rival, with this measure.
 
 The remaining alternatives, when no swap is better, are the rivals of the verdict: physical models, each with its BIC
 (step 8).
@@ -30,7 +28,7 @@ from diagnosis.engine.trials import current_model, fit_physical
 
 
 def swap(problem: Problem, state: SearchState) -> SearchState:
-    """Let better rivals in, and return the state with the rivals that remain of each accepted effect."""
+    """Replace accepted effects by better rivals; return the state with the remaining rivals of each effect."""
     visited: dict[frozenset[str], SearchState] = {}
     while True:
         current = state.current
@@ -57,7 +55,7 @@ def swap(problem: Problem, state: SearchState) -> SearchState:
 
 
 def _settled(visited: dict[frozenset[str], SearchState], last: SearchState) -> SearchState:
-    """Return the best of the states that were visited, with the others among its rivals as far behind as they are."""
+    """Return the best of the visited states; the others become its rivals with their difference in `_criterion`."""
     criteria = {effects: _criterion(state.current.model) for effects, state in visited.items()}
     best = min(
         visited.values(), key=lambda state: (criteria[frozenset(state.current.effects)], state is not last)
@@ -78,7 +76,7 @@ def _settled(visited: dict[frozenset[str], SearchState], last: SearchState) -> S
 
 
 def _criterion(model: FittedModel) -> float:
-    """Return the BIC of a model with what its own noise adds: ln of the variance of every sample, once whitened."""
+    """Return the BIC of a model plus the constants of its noise: ln of the innovation variance of every sample."""
     constant = sum(
         float(run.counted[:, i].sum()) * math.log(model.noise.dispersion * channel.innovation**2)
         for run in model.replay.runs
@@ -88,7 +86,7 @@ def _criterion(model: FittedModel) -> float:
 
 
 def _rivals(problem: Problem, state: SearchState, old: str) -> tuple[Trial, ...]:
-    """Return physical models with an alternative instead of an accepted effect, best first."""
+    """Return physical models with an alternative in place of an accepted effect, best first."""
     current = state.current
     outside = [name for name in state.alternatives[old] if name not in current.effects][:RIVALS]
     laws = (name for name in alike_laws(problem.hypotheses, old) if name in state.last_fit)

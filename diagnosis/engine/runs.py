@@ -1,4 +1,4 @@
-"""Before step 1: the runs of a dataset with only the channels that were measured, and with a role for every run."""
+"""Before step 1: reduce the dataset to the measured channels, and give every run a role."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from diagnosis.engine.simulation import completed
 
 
 class MeasuredChannels(CompleteSimulator):
-    """A simulator that predicts only the ``channels`` which were measured."""
+    """A simulator that predicts only the measured ``channels``."""
 
     def __init__(self, simulator: CompleteSimulator, channels: tuple[Channel, ...]) -> None:
         names = [channel.name for channel in simulator.channels]
@@ -59,9 +59,9 @@ class MeasuredChannels(CompleteSimulator):
 
 
 def measured_channels(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, CompleteSimulator]:
-    """Return data and simulator with the channels of the data that hold anything, as the data describe them.
+    """Return data and simulator with only the measured channels, with units and noise as in the data.
 
-    Raises ``DiagnosisError`` for a channel that the simulator does not have, and where nothing was measured.
+    Raises ``DiagnosisError`` for a channel that the simulator does not have, and if nothing was measured.
     """
     simulator = completed(simulator)
     names = [channel.name for channel in simulator.channels]
@@ -86,9 +86,9 @@ def measured_channels(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, 
 
 
 def split(dataset: Dataset, seed: int) -> Dataset:
-    """Return the dataset with roles drawn by whole runs: about a fifth to select and a fifth to report.
+    """Return the dataset with random roles for whole runs: about a fifth to select and a fifth to report.
 
-    One run or two are all fitted: a second one was made to decide what the first left open.
+    One or two runs are all for the fit, because a second run is made to decide between causes.
     """
     count = len(dataset.runs)
     if count == 0:

@@ -1,18 +1,18 @@
-"""Step 4, scores: how well the footprint of every candidate matches what a fitted model leaves of the data.
+"""Step 4, scores: how well the footprint of every candidate matches the residual of a fitted model.
 
 Theory of operation
 -------------------
-What the parameters of the model can imitate of a footprint does not support its candidate: it is projected out
-(`Linearisation.project`). With s the rest of a whitened footprint and r the whitened residual, the score is
-z = sᵀr/|s|, standard normal where the effect is missing. |s| per unit of amplitude is the square root of the Fisher
+The part of a footprint that parameters of the model can imitate does not support its candidate. It is projected out
+(`Linearisation.project`). With s the rest of a whitened footprint and r the whitened residual, the score is z =
+sᵀr/|s|, standard normal where the effect is missing. |s| per unit of amplitude is the square root of the Fisher
 information on the amplitude once everything else is fitted; times the amplitude it is λ. This is the score test with
 the shape parameters, which are absent under the null, on a grid (Davies 1977, 1987).
 
-Two things make a score count less. Its own overdispersion (`noise_estimate.overdispersion`), and what the simulator or
-the way in which its inputs were measured may imitate of the effect (`Hypothesis.imitated`): both widen the scatter that
-a score is measured in. Where only one sign of an amplitude is physical, a score of the other sign is negative.
+A score is divided by its scatter. The scatter grows by overdispersion (`noise_estimate.overdispersion`), and by errors
+of the simulator or of its measured inputs that imitate the effect (`Hypothesis.imitated`). If only one sign of an
+amplitude is physical, the score of the other sign is negative.
 
-`fit_and_screen` puts steps 2 to 5 together for one model: noise from the footprints, fit under it, scores, threshold.
+`fit_and_screen` performs steps 2 to 5 for one model: noise from the footprints, fit under it, scores, threshold.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ from diagnosis.engine.whitening import Filter, filters
 class Screening:
     """Scores of all candidates m against a fitted model.
 
-    ``inflation`` (m,) is the scatter of a score relative to that of whitened noise. The threshold is for a chance of
-    ``alpha``, drawn with a ``seed``.
+    ``inflation`` (m,) is the variance of each score relative to whitened noise. The threshold is for the false-alarm
+    rate ``alpha``, computed with ``seed``.
     """
 
     candidates: tuple[Candidate, ...]
@@ -56,13 +56,13 @@ class Screening:
 
     @cached_property
     def threshold(self) -> float:
-        """What the largest score exceeds by chance in one of so many diagnoses (`threshold.py`)."""
+        """The limit that the largest score exceeds by chance with probability ``alpha`` (`threshold.py`)."""
         one_sided = np.array([c.effect.one_sided for c in self.candidates], dtype=bool)
         return threshold(self.projection.cosines, one_sided, self.alpha, self.seed)
 
     @cached_property
     def scatter(self) -> Array:
-        """Standard deviations of the scores (m,) of effects that are absent, in those of whitened noise."""
+        """Standard deviations of the scores (m,) of missing effects, relative to whitened noise."""
         imitated = np.array([c.imitated / c.amplitude.scale for c in self.candidates])
         return np.sqrt(self.inflation + (imitated * self.projection.norm) ** 2)
 
@@ -79,13 +79,13 @@ class Screening:
 
     @property
     def amplitude(self) -> Array:
-        """The amplitude (m,) which the score estimates, in its own unit."""
+        """The amplitude (m,) estimated from the score, in its own unit."""
         norm = self.projection.norm
         scales = np.array([c.amplitude.scale for c in self.candidates])
         return scales * np.divide(self.projection.z, norm, out=np.zeros_like(norm), where=norm > 0.0)
 
     def start(self, point: Point, i: int) -> Point:
-        """Return where a fit of a candidate may start: at the amplitude of its score, with what makes room for it."""
+        """Return a start for the fit of a candidate: the amplitude from its score, and other numbers adapted to it."""
         candidate = self.candidates[i]
         extended = candidate.added_to(point)
         effect = candidate.effect.amplitude
@@ -99,7 +99,7 @@ class Screening:
 
     @property
     def exceeding(self) -> list[int]:
-        """Return the best point of each effect's grid that passes the threshold, highest score first."""
+        """The best point of each effect's grid that passes the threshold, highest score first."""
         best: dict[str, int] = {}
         for i in np.argsort(-self.z, kind="stable"):
             if self.z[i] > self.threshold:
@@ -126,7 +126,7 @@ class ScreenedModel:
 
 
 def signs(effects: Sequence[Hypothesis], scores: Array) -> Array:
-    """Return ±1 (m,): what makes a score count as positive; only one sign is physical for a one-sided effect."""
+    """Return ±1 (m,), the sign of a positive score; for a one-sided effect it is the physical sign."""
     physical = [0.0 if not e.one_sided else 1.0 if e.amplitude.low >= 0.0 else -1.0 for e in effects]
     return np.where(np.array(physical) == 0.0, np.where(scores < 0.0, -1.0, 1.0), physical)
 
@@ -176,6 +176,6 @@ def fit_and_screen(
 
 
 def _linear(replay: Replay, around: Footprints, whiten: Sequence[Filter]) -> Linearisation:
-    """Return the model as its footprints make it linear."""
+    """Return the linearisation of the model from its footprints."""
     residuals = replay.residuals(around.predictions)
     return from_quotients(replay, around.point, whiten, residuals, around.parameter_columns)

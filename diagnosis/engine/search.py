@@ -2,18 +2,17 @@
 
 Theory of operation
 -------------------
-Causes are not found one by one and added up: each is judged together with those that were found before it, under the
-noise that they leave. One turn of the loop is steps 3 to 6 of the argument:
+Each cause is tested together with the causes found before it, under the noise of their residual. One turn of the loop
+is steps 3 to 6 of the method:
 
-1. `trials.current_model`: noise, fit, footprints and scores around the effects accepted so far (steps 2 to 5);
-2. `trials.fit_trials`: effects above the threshold are fitted and judged by the gates (`gates.py`);
-3. `admission.choose`, `choose_pair`, `choose_sufficient`, `admit`: one trial enters, or two together, or none; where
-   none does and far more than the noise is left, `second_look.look_again` fits causes that act now and then, which
-   enter likewise; else the search ends;
-4. `rivals.swap`: others are tried instead of each accepted effect.
+1. `trials.current_model`: noise, fit, footprints and scores around the effects accepted so far (steps 2 to 5); 2.
+`trials.fit_trials`: effects above the threshold are fitted and judged by the gates (`gates.py`); 3. `admission.choose`,
+`choose_pair`, `choose_sufficient`, `admit`: one trial enters, or two together, or none. If none enters and the residual
+is far above the noise, `second_look.look_again` fits causes that act only temporarily, which enter in the same way;
+otherwise the search ends; 4. `rivals.swap`: rivals are tested in place of each accepted effect.
 
-In the end `backward.weigh` removes superfluous effects. At most ``Config.max_effects`` enter. The result is the same
-for the same seed, however many workers there are.
+At the end `backward.weigh` removes superfluous effects. At most ``Config.max_effects`` enter. The result depends on the
+seed, not on the number of workers.
 """
 
 from __future__ import annotations
@@ -81,7 +80,7 @@ def search(problem: Problem, progress: Progress = lambda _text, _part: None) -> 
 
 
 def _start(problem: Problem) -> SearchState:
-    """Return the base model, with nothing tried yet."""
+    """Return the base model as the first state of the search."""
     replay = problem.replay
     current = current_model(problem, fit_base_model(replay))
     floors = noise_floors(replay.simulator.channels, (*replay.runs, *problem.select), current.model.noise)

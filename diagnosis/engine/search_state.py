@@ -1,8 +1,8 @@
 """Step 6: the state of the search for causes, from the problem to the result.
 
-`Problem` is the question and never changes. `CurrentModel` is the model that every hypothesis is measured against; it
-is replaced whenever an effect enters or leaves. `Trial` is the result of fitting one more model. `SearchState` holds
-all that the passes of the search hand to each other, and `SearchResult` holds the final result.
+`Problem` is the question and never changes. Every hypothesis is compared with `CurrentModel`, which is replaced
+whenever an effect enters or leaves. `Trial` is the result of fitting one more model. `SearchState` is passed between
+the passes of the search; `SearchResult` is the final result.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ class Problem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CurrentModel:
-    """The accepted effects in the base model, fitted under noise estimated around it, and the scores of all others.
+    """The base model with the accepted effects, fitted under its own noise, and the scores of all other effects.
 
-    ``prediction`` is that of the select runs, None where there are none; ``explained_chi2`` the penalised χ² that the
+    ``prediction`` is that of the select runs, None if there are none; ``explained_chi2`` is the penalised χ² that the
     accepted effects have explained so far.
     """
 
@@ -46,13 +46,13 @@ class CurrentModel:
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """The accepted effects, in the order in which they came."""
+        """The accepted effects, in the order of their entry."""
         return self.model.effects
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """The result of fitting a model with ``effect`` in it. ``failed`` is the gate that it did not pass, or ""."""
+    """The result of fitting a model with ``effect`` in it. ``failed`` is the reason of the failed gate, or ""."""
 
     effect: str
     point: Point
@@ -67,7 +67,7 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForwardStep:
-    """The effects that were in the model, the scores of all others against it, and the trials of what stood out."""
+    """The effects in the model, the scores of all others against it, and the trials of those above the threshold."""
 
     effects: tuple[str, ...]
     screening: Screening
@@ -76,7 +76,7 @@ class ForwardStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchState:
-    """All that the passes of the search hand to each other."""
+    """The state that the passes of the search exchange."""
 
     current: CurrentModel
     floors: Array  #: (c,) what noise alone leaves in each channel, as a standard deviation
@@ -112,14 +112,14 @@ class SearchState:
         )
 
     def without_columns(self) -> SearchState:
-        """Return the state without the columns of all candidates, which are large: no trial asks for them."""
+        """Return the state without the columns of all candidates, which are large and not needed for trials."""
         bare = self.current.footprints.without_columns()
         return replace(self, current=replace(self.current, footprints=bare))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Accepted:
-    """An accepted effect: its score z, its λ, what it gains over the model without it, and its rivals."""
+    """An accepted effect: its score z, its λ, its gain over the model without it, and its rivals."""
 
     effect: str
     score: float
@@ -130,20 +130,20 @@ class Accepted:
 
     @property
     def explained(self) -> float:
-        """Return what it explains of fit runs and select runs, in χ²; of the latter nothing where there are none."""
+        """The χ² that it explains on fit runs and select runs (0 for the latter if there are none)."""
         # NaN counts as none: it is never the larger one.
         return self.lambda_**2 + max(0.0, 2.0 * self.lpd_gain)
 
     def near(self, bic: float, gap: float) -> list[Trial]:
-        """Return the rivals that come within a ``gap`` of the ``bic`` of the model with this effect."""
+        """Return the rivals whose BIC is within ``gap`` of the ``bic`` of the model with this effect."""
         return [trial for trial in self.rivals if trial.bic - bic < gap]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchResult:
-    """All that the search found: its last state, and what each accepted effect is worth together with the others.
+    """The result of the search: its last state, and the gain of each accepted effect together with the others.
 
-    ``without`` are the models from which one of them was left out.
+    ``without`` holds the models without one effect each.
     """
 
     state: SearchState
@@ -152,17 +152,17 @@ class SearchResult:
 
     @property
     def steps(self) -> tuple[ForwardStep, ...]:
-        """The forward steps, the first against the base model alone."""
+        """The forward steps; the first one is against the base model."""
         return self.state.steps
 
     @property
     def model(self) -> FittedModel:
-        """The accepted effects in the base model."""
+        """The base model with the accepted effects."""
         return self.state.current.model
 
     @property
     def floors(self) -> Array:
-        """What noise alone leaves in each channel (c,), as a standard deviation."""
+        """The standard deviation (c,) of the noise alone in each channel."""
         return self.state.floors
 
     def without_footprints(self) -> SearchResult:
@@ -170,5 +170,5 @@ class SearchResult:
         return replace(self, state=self.state.without_columns())
 
     def ambiguous(self, gap: float) -> list[tuple[Accepted, Trial]]:
-        """Return accepted effects with each rival that comes within a BIC gap of them."""
+        """Return accepted effects with each rival within a BIC ``gap``."""
         return [(a, r) for a in self.accepted for r in a.near(self.model.bic, gap)]

@@ -1,28 +1,28 @@
-"""Step 6, a second look: causes that act only now and then, tried at finite sizes where far more than noise is left.
+"""Step 6, a second look: test temporary causes at finite sizes if the residual is far above the noise.
 
 Theory of operation
 -------------------
-A score is the derivative of the outputs by an amplitude, at an amplitude of 0. It shows little of a cause that acts
-only now and then. A stop is met for a moment of a run, an overflow runs for a minute of an hour. The score is reduced
-by its scatter (`noise_estimate.py`), which in so few stretches is as large as the score. The base model, which knows
-neither, goes far beyond the stop, or fills the tank much higher than its rim: the derivative there is that of another
-system. The residual of such a cause is taken for noise with memory, in which a slow error has hardly any weight.
+A score uses the derivative of the outputs by an amplitude, at amplitude 0. It is small for a cause that acts only
+temporarily: a stop is reached for a moment of a run, an overflow runs for a minute of an hour. The score is divided by
+its scatter (`noise_estimate.py`), which is large if only few stretches contribute. The base model without the cause
+moves far beyond the stop, or fills the tank far above its rim, so its derivative there is not that of the true system.
+The noise estimate takes the residual of such a cause for correlated noise, in which a slow error has hardly any weight.
 
-So where nothing has entered though more than `REMAINDER_RATIO` times the noise is left, all candidates are tested once
-more in plain least squares. Each channel is weighted by its residual under the current model, and that model is fitted
-so. Each candidate is simulated at the points of its grid with finite amplitudes, `SIZES` times the expected one; the
-whole change of the outputs is the column. With c times that change, and all parameters of the model making room, the
-linear model lowers χ² by 2 c s·r − c² |s|² (s: what the parameters leave of the change, r: the residual). One amplitude
-represents those up to half-way to the next, c from 1/√5 to √5. Fits start at the best points; simulations with numbers
-that are not finite are dropped.
+So if nothing has entered and the error exceeds `REMAINDER_RATIO` times the noise, all candidates are tested once more
+by plain least squares. Each channel is weighted by its residual under the current model, and the model is fitted again
+with these weights. Each candidate is simulated at the points of its grid with finite amplitudes, `SIZES` times the
+expected one; the whole change of the outputs is the column. With c times this change, and all parameters of the model
+adapted, the linear model lowers χ² by 2 c s·r − c² |s|² (s: the change after projection on the parameters, r: the
+residual). One amplitude represents those up to half-way to the next, c from 1/√5 to √5. Fits start at the best points;
+simulations with numbers that are not finite are dropped.
 
-Then all gates apply as to any candidate. Two more replace the threshold of the score, which was not passed. χ² must
+Then all gates apply, as for any candidate. Two more replace the threshold of the score, which was not passed. χ² must
 fall by the square of the threshold, and the remaining part of the error must be less than `RELATIVE` where the cause
-acts, on the select runs if there are any. A candidate that explains less is only similar to the cause, or wrong. An
-effect whose earlier fit failed must leave less than `PREDICTED_SHARE`; otherwise it may be a relative that fits only a
-little better.
+acts, on the select runs if there are any. A candidate that explains less is wrong, or only similar to the cause. An
+effect whose earlier fit failed must leave less than `PREDICTED_SHARE`; otherwise it may be a similar effect that fits
+only a little better.
 
-Where the noise is reached, this step is skipped.
+This step is skipped if the error is at the noise.
 """
 
 from __future__ import annotations
@@ -63,19 +63,19 @@ REACH: Final = math.sqrt(SIZES[1] / SIZES[0])
 
 
 class _Start(NamedTuple):
-    """Where the fit of an effect may start, and by how much the linear model lowers χ² from there."""
+    """A start point for the fit of an effect, and the reduction of χ² by the linear model from there."""
 
     gain: float
     point: Point
 
 
 def far_above_noise(state: SearchState) -> bool:
-    """Return whether the current model leaves so much that a second look is worth its price."""
+    """Return whether the error of the current model is large enough for a second look."""
     return noise_ratio(of_fit(state.current.model), state.floors) > REMAINDER_RATIO
 
 
 def plainly(problem: Problem, state: SearchState) -> SearchState:
-    """Return the state with its model fitted by plain least squares; explained χ² counts from there."""
+    """Return the state with its model fitted again by plain least squares, as the new reference for explained χ²."""
     model = state.current.model
     plain = fit(problem.replay, plain_noise(model), model.point, model.linearisation)
     current = replace(state.current, model=plain, prediction=predicted(problem, plain), explained_chi2=0.0)
@@ -83,9 +83,9 @@ def plainly(problem: Problem, state: SearchState) -> SearchState:
 
 
 def look_again(problem: Problem, state: SearchState, known: Sequence[Trial]) -> tuple[Trial, ...]:
-    """Fit candidates from finite amplitudes together with a model that was fitted `plainly`; best BIC first.
+    """Fit candidates from finite amplitudes together with a model from `plainly`; best BIC first.
 
-    Candidates with ``known`` trials have failed a gate, so their limits are stricter.
+    Candidates with ``known`` trials have failed a gate before, so their limits are stricter.
     """
     tried_before = {trial.effect for trial in known}
     current, least = state.current, state.current.screening.threshold**2
@@ -105,7 +105,7 @@ def look_again(problem: Problem, state: SearchState, known: Sequence[Trial]) -> 
 
 
 def _best(problem: Problem, model: FittedModel, effect: Hypothesis) -> _Start | None:
-    """Return the best start of one effect together with a model; None where its simulations fail."""
+    """Return the best start of one effect together with a model; None if its simulations fail."""
     replay, known = problem.replay, len(model.point.numbers)
     steps = [step for one in candidates([effect]) for step in _amplitudes(one.added_to(model.point), known)]
     base = replay.base(model.point, model.predictions, [len(steps)] * len(replay.runs))
@@ -140,7 +140,7 @@ def _best(problem: Problem, model: FittedModel, effect: Hypothesis) -> _Start | 
 
 
 def _amplitudes(flat: Point, place: int) -> Iterator[tuple[Point, float]]:
-    """Yield a point with each finite amplitude at a ``place``, and how far that is from none."""
+    """Yield a point for each finite amplitude at ``place``, with the distance of this amplitude from 0."""
     low, high = flat.coordinates[place].range
     sizes = {float(np.clip(sign * size, low, high)) for size in SIZES for sign in (1.0, -1.0)}
     for size in sorted(sizes - {0.0}):
@@ -150,7 +150,7 @@ def _amplitudes(flat: Point, place: int) -> Iterator[tuple[Point, float]]:
 
 
 def _finite(replay: Replay, start: Point, simulated: Point) -> Point:
-    """Return the start; if outputs are not finite there, the point simulated without moving the other numbers."""
+    """Return ``start``; if outputs are not finite there, ``simulated``, in which the other numbers have not moved."""
     outputs = replay.predictions(start)
     fine = (np.isfinite(one[run.counted]).all() for run, one in zip(replay.runs, outputs, strict=True))
     return start if all(fine) else simulated

@@ -1,4 +1,4 @@
-"""Runs of a simulator: their outputs, or an error that says at which parameters there are none."""
+"""Runs of a simulator: their outputs, or an error that states the parameters at which it failed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from diagnosis.engine.config import PARAMETERS_SHOWN
 
 
 class _Completed(CompleteSimulator):
-    """A simulator with the defaults of what it does not offer."""
+    """A simulator with default values for its missing members."""
 
     def __init__(self, simulator: Simulator) -> None:
         for name in (*CompleteSimulator.__annotations__, *vars(CompleteSimulator)):
@@ -20,14 +20,14 @@ class _Completed(CompleteSimulator):
 
 
 def completed(simulator: Simulator) -> CompleteSimulator:
-    """Return a simulator that offers everything: itself, or with the defaults of what it does not offer."""
+    """Return a simulator with all optional members: itself, or itself with default values for missing ones."""
     return simulator if isinstance(simulator, CompleteSimulator) else _Completed(simulator)
 
 
 def simulate(simulator: Simulator, job: Job) -> Array:
     """Return the outputs (n, c) of a run.
 
-    DiagnosisError where the simulator raises anything, with the line that did, or returns another shape.
+    Raises DiagnosisError if the simulator raises any exception, with the line of code, or returns another shape.
     """
     with _blamed(simulator, job):
         outputs = simulator.run(job.experiment, job.parameters, job.effects)
@@ -45,7 +45,7 @@ def simulate_many(simulator: CompleteSimulator, jobs: Sequence[Job]) -> Iterator
 
 @contextmanager
 def _blamed(simulator: Simulator, job: Job) -> Iterator[None]:
-    """Turn what a simulator raises into an error that says where and at which parameters."""
+    """Convert an exception of a simulator into a DiagnosisError with the line of code and the parameters."""
     try:
         yield
     except DiagnosisError:
@@ -60,7 +60,7 @@ def _blamed(simulator: Simulator, job: Job) -> Iterator[None]:
 
 
 def checked(simulator: Simulator, job: Job, outputs: Array) -> Array:
-    """Return the outputs of a run; DiagnosisError where they have not one row per sample and one column per channel."""
+    """Return ``outputs``; raise DiagnosisError unless they have one row per sample and one column per channel."""
     right = (len(job.experiment.time), len(simulator.channels))
     shape = getattr(outputs, "shape", None)
     if shape != right:
@@ -77,7 +77,7 @@ def checked(simulator: Simulator, job: Job, outputs: Array) -> Array:
 
 
 def described(simulator: Simulator, parameters: Mapping[str, float], effects: Effects) -> str:
-    """Return parameters and effects in words, with their units; those at their nominal values last."""
+    """Return parameters and effects as text with units; those at their nominal values last."""
     nominal = {parameter.name: parameter for parameter in simulator.nuisances}
     moved = [name for name, one in nominal.items() if parameters.get(name, one.nominal) != one.nominal]
     names = [*moved, *(name for name in nominal if name not in moved)]

@@ -1,24 +1,24 @@
-"""Steps 6 to 8, once more: a cause that left for others is tried without those others.
+"""Steps 6 to 8 again: test a removed cause without the causes that replaced it.
 
 Theory of operation
 -------------------
-Causes that can replace each other are thrown out by each other: a friction explains nearly all, a lag and a viscous
-friction enter together with it and take its place, it leaves as superfluous, and then they fail a gate themselves. The
-result is worse than the friction alone, which a diagnosis with a shorter list would have found. A longer list of
-candidates must not give a poorer model.
+Causes that imitate each other can remove each other. For example, a friction explains nearly everything, a lag and a
+viscous friction enter in addition and make it superfluous, it is removed, and then they fail a gate themselves. The
+result is worse than the friction alone, which a diagnosis with fewer candidates would find. More candidates must not
+give a poorer model.
 
-So each cause that left while others were in the model is fitted alone, as it was fitted when it was a candidate. Where
-one predicts the select runs clearly better than all that was named in the end, the search is repeated without those
-that were in the model when it left, and without all others that left. A name comes before a surface: predictions of the
-surface do not count.
+So each cause that was removed while others were in the model is fitted alone, as when it was a candidate. If one
+predicts the select runs clearly better than the final model, the search is repeated without the effects that were in
+the model at its removal, and without all other removed effects. The final model is compared without its surfaces,
+because a named cause has priority over a surface.
 
-One cause may also represent two: a clock that is behind for delays of all that it times. These then leave together with
-it, and one of them still scores in the end. Then the search is repeated without that cause in the final model which is
-most like the one that left together with it.
+One cause may also replace two: a clock error replaces delays of all signals that it times. The delays are removed, and
+one of them still scores at the end. Then the search is repeated without the cause in the final model which is most
+similar to the removed one.
 
-The result of the second search is weighed and judged with the whole catalogue, and stays if it still predicts the
-select runs clearly better and leaves no more of the error in the runs that it was fitted to. Two instead of one must
-leave nothing that scores: where much remains, whatever has more parameters imitates a little more of it.
+The result of the second search is tested with the whole catalogue. It is kept if it still predicts the select runs
+clearly better and its error on the fit runs is not larger. If two causes replace one, no other effect may score,
+because with a large residual any model with more parameters fits a little better.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ INSTEAD: Final = "the model without it predicts the select runs better"
 
 
 def without_substitutes(problem: Problem, first: Judgement) -> Judgement:
-    """Return a judgement, or a better one of what left for others."""
+    """Return a judgement, or a better one with a removed cause in place of its substitutes."""
     if not problem.select:
         return first
     out = _substitutes(problem, first)
@@ -67,14 +67,14 @@ def without_substitutes(problem: Problem, first: Judgement) -> Judgement:
 
 
 def _substitutes(problem: Problem, first: Judgement) -> set[str]:
-    """Return the effects present when a cause left that alone predicts better than the judgement; mostly none."""
+    """Return the effects to leave out, if a removed cause alone predicts better than the judgement; usually none."""
     cause = _best_single_cause(problem, first)
     state = first.found.state
     return {*state.left, *state.beside[cause], *first.found.model.effects} - {cause} if cause else set()
 
 
 def _in_the_place_of(first: Judgement) -> set[str]:
-    """Return the accepted effect most similar to one which left with it and still scores; mostly none."""
+    """Return the accepted effect most similar to one that was removed beside it and still scores; usually none."""
     state, screening = first.found.state, first.screened.screening
     scoring = [screening.candidates[i].effect.name for i in screening.exceeding]
     initial = first.found.steps[0].screening
@@ -88,7 +88,7 @@ def _in_the_place_of(first: Judgement) -> set[str]:
 
 
 def _best_single_cause(problem: Problem, first: Judgement) -> str:
-    """Return the removed cause that alone predicts the select runs best, if better than the judgement."""
+    """Return the removed cause that alone predicts the select runs best, if better than the judgement; else ""."""
     state, model, floors = first.found.state, first.screened.model, first.found.floors
     errors = {}
     left = (one for one, others in state.beside.items() if others and one not in model.effects)
@@ -107,12 +107,12 @@ def _best_single_cause(problem: Problem, first: Judgement) -> str:
 
 
 def _error(model: FittedModel, floors: Array, runs: Sequence[MeasuredRun]) -> float:
-    """Return the error over the noise of a model, as it was fitted, on some runs."""
+    """Return the ratio of error to noise of a model, as fitted, on ``runs``."""
     return noise_ratio(predict(model, runs, fixed=True), floors)
 
 
 def _restored(problem: Problem, first: Judgement, found: SearchResult, out: set[str]) -> SearchResult:
-    """Return the result without some candidates, weighed with them among the scores again."""
+    """Return the result of a search without the effects ``out``, scored and tested with them again."""
     left = {name: first.found.state.left.get(name, INSTEAD) for name in out}
     state = replace(
         found.state,

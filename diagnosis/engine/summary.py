@@ -74,11 +74,11 @@ DELAY: Final = "delay"
 
 @dataclass(frozen=True, slots=True)
 class Conclusions:
-    """What a summary says together with its finding.
+    """Results for the summary that are not in the finding.
 
-    ``accepted`` holds all accepted effects, also those that are candidates only since nothing is named; ``also`` is
-    what may be there together with them, ``misfit`` the clearest error above the noise where nothing comes near, and
-    ``differing`` how the report runs changed the verdict.
+    ``accepted`` holds all accepted effects, also if nothing is named and they are only candidates. ``also`` describes
+    effects that may exist as well. ``misfit`` is the clearest error above the noise if no candidate fits. ``differing``
+    describes how the report runs changed the verdict.
     """
 
     accepted: Sequence[Cause]
@@ -90,7 +90,7 @@ class Conclusions:
 
 
 def summarised(finding: Finding, beside: Conclusions) -> Finding:
-    """Return a finding with its summary, and with a sentence that has no figure of a channel and no advice."""
+    """Return a finding with its summary, and with a sentence without figures of channels and without advice."""
     wrong, sure, error = _wrong(finding), _sentences(_sure(finding, beside)), _error(beside.left, finding)
     told = finding.causes or finding.unknowns or beside.left.large
     return replace(
@@ -106,7 +106,7 @@ def summarised(finding: Finding, beside: Conclusions) -> Finding:
 
 
 def further(screening: Screening) -> str:
-    """Return what else still has a score above the threshold; "" if nothing has."""
+    """Return a sentence on other effects with a score above the threshold; "" if there are none."""
     first, *others = [*screening.exceeding, None]
     if first is None:
         return ""
@@ -131,7 +131,7 @@ def _wrong(found: Finding) -> str:
 
 
 def _claims(causes: Sequence[Cause]) -> str:
-    """Return the named causes, and after them the suspected ones."""
+    """Return the named causes as text, then the suspected ones."""
     named, suspected = (
         " and ".join(_claimed(one) for one in causes if one.status == status) for status in (NAMED, SUSPECTED)
     )
@@ -139,12 +139,12 @@ def _claims(causes: Sequence[Cause]) -> str:
 
 
 def _claimed(one: Cause) -> str:
-    """Return the cause with its size, or the phenomenon alone where its law is open."""
+    """Return a cause with its size as text; only the phenomenon if its law is open."""
     return f"there is {one.phenomenon}" if one.laws else f"{_plain(one)} ({_size(one.parameters)})"
 
 
 def _imitated(imitations: Sequence[Imitation], *, many: bool) -> str:
-    """Return how far the base model must go without the causes, as the end of a sentence."""
+    """Return how far the base model must move from its prior without the causes, as the end of a sentence."""
     if not imitations:
         return ""
     one = imitations[0]
@@ -206,7 +206,7 @@ def _suspected(found: Finding, left: Remainder) -> str:
 
 
 def _which_law(one: Cause, *, alone: bool) -> str:
-    """Return between which laws these runs do not distinguish, and what would; "" where the law is known."""
+    """Return the laws that these runs do not distinguish, and a run that would; "" if the law is known."""
     if not one.laws:
         return ""
     laws = " or ".join([_with_size(one), *map(_with_size, one.laws)])
@@ -216,7 +216,7 @@ def _which_law(one: Cause, *, alone: bool) -> str:
 
 
 def _late_together(causes: Sequence[Cause]) -> str:
-    """Say of several delays that they are one; "" where their intervals have nothing in common."""
+    """Return a sentence that several delays may be one; "" if their intervals do not overlap."""
     delays = [one.parameters[0] for one in causes if one.parameters[0].name == DELAY]
     low, high = (
         [end for end in ends if end is not None]
@@ -232,7 +232,7 @@ def _late_together(causes: Sequence[Cause]) -> str:
 
 
 def _nearest(causes: Sequence[Cause], suspects: Sequence[Suspect]) -> str:
-    """Return which candidates are best where nothing is named: one similar to the cause, or what fails a test."""
+    """Return a sentence on the best candidates if nothing is named."""
     if causes:
         names = " and ".join(_with_size(c) for c in causes)
         many = len(causes) > 1
@@ -247,7 +247,7 @@ def _nearest(causes: Sequence[Cause], suspects: Sequence[Suspect]) -> str:
 
 
 def _worth(one: Cause) -> str:
-    """Say of a cause that it explains little of the error on unseen runs; "" if it explains more."""
+    """Return a sentence if a cause explains little of the error on unseen runs; otherwise ""."""
     if one.gained is None or one.gained >= GAINS_LITTLE:
         return ""
     if one.gained <= 0.0:
@@ -256,7 +256,7 @@ def _worth(one: Cause) -> str:
 
 
 def _error(left: Remainder, found: Finding) -> str:
-    """Return how large the error was and is, over the noise."""
+    """Return the ratio of error to noise before and after, as text."""
     if not left.after > 0.0:
         return ""
     change = f"the error falls from {left.before:.3g} to {left.after:.3g} times the noise"
@@ -269,7 +269,7 @@ def _error(left: Remainder, found: Finding) -> str:
 
 
 def _shown_by(found: Finding) -> str:
-    """Return the one number that shows the causes best: the worst channel, or a parameter that imitated them."""
+    """Return the number that shows the causes best: the worst channel, or a parameter that imitates them."""
     if not found.causes and not found.unknowns:
         return ""
     seen = [one for one in found.gains[1:] if one.fraction is not None]
@@ -344,7 +344,7 @@ def _begun(text: str) -> str:
 
 
 def _with_unit(value: float, unit: str, digits: int) -> str:
-    """Return a number in so many digits, with a power of ten only from a million on."""
+    """Return a number with ``digits`` digits; a power of ten is used only from one million on."""
     text = f"{value:.{digits}g}"
     if "e+" in text and abs(value) < 1e6:
         text = f"{float(text):.0f}"

@@ -1,13 +1,14 @@
-"""Step 8, suspects: the best causes when none is named, and the test that each of them fails.
+"""Step 8, suspects: if no cause is named, the best candidates, each with the test that it fails.
 
 Theory of operation
 -------------------
-*Unresolved* says that no cause passes every test, not that nothing is known. A user at the rig needs a first place to
-inspect. Suspects would have been named but for one test. They are causes that left because they may be owed to the form
-of the model, rivals that explain the data nearly as well, and causes that leave most of the error. Where nothing had
-entered at all, these are the trials that BIC prefers to the model without them.
+*Unresolved* means that no cause passes every test. A user at the rig still needs a first place to inspect. Suspects
+fail only one test. They are causes that were removed because they may come from inexact equations, rivals that explain
+the data nearly as well, and causes that leave most of the error. If no cause had entered, suspects are the trials that
+improve the BIC.
 
-None of them is claimed. A small form error can make a sound part suspect, so each suspect is reported with its reason.
+No suspect is certain. A small error of the equations can make a sound part suspect, so each suspect is reported with
+its reason.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ MOST_LEFT: Final = "most of the error remains with it"
 
 
 class Dismissed(NamedTuple):
-    """A cause that left the final model, the model that it left, and why."""
+    """A cause that was removed from the final model, the model that contained it, and the reason."""
 
     accepted: Accepted
     model: FittedModel
@@ -43,10 +44,10 @@ def suspects(
     hypotheses: Mapping[str, Hypothesis],
     gap: float,
 ) -> list[Suspect]:
-    """Return the suspects, clearest first, when no cause is named; each effect once.
+    """Return the suspects, clearest first, if no cause is named; each effect once.
 
-    ``dismissed`` left the final model, ``found`` is the result of the search, ``left`` are causes that leave most of
-    the error; rivals within ``gap`` of BIC are as near.
+    ``dismissed`` were removed from the final model, ``found`` is the result of the search, ``left`` are causes that
+    leave most of the error. Rivals within ``gap`` of the BIC are included.
     """
     told = [_suspect(hypotheses[c.effect], c.parameters, MOST_LEFT, c.strength) for c in left]
     for one in sorted(dismissed, key=lambda one: -one.accepted.lambda_):
@@ -63,7 +64,7 @@ def suspects(
 
 
 def _nearest(found: SearchResult, gap: float) -> list[Trial]:
-    """Return the trials of the last step that are better than the model without them and failed all the same."""
+    """Return the trials of the last step that improve the BIC but failed a gate."""
     last = found.steps[-1]
     if last.effects != found.model.effects:
         return []

@@ -1,6 +1,6 @@
-"""Several threads for what does not depend on each other: long loops over samples release the interpreter meanwhile.
+"""Threads for independent tasks. Long loops over samples release the interpreter lock, so they run in parallel.
 
-Results are the same for any number of workers: they keep the order of the requests, and no worker may change the input
+Results do not depend on the number of workers: they keep the order of the requests, and no worker may change the input
 of another one.
 """
 
@@ -21,7 +21,8 @@ Arguments = ParamSpec("Arguments")
 def algebra_on_one_core(function: Callable[Arguments, Found]) -> Callable[Arguments, Found]:
     """Return a function during which numpy multiplies on one core.
 
-    Threads of the linear algebra wait for each other together with those here: a diagnosis takes several times as long.
+    Threads of the linear algebra and the threads here would wait for each other: a diagnosis then takes several times
+    as long.
     """
 
     @wraps(function)
@@ -33,7 +34,7 @@ def algebra_on_one_core(function: Callable[Arguments, Found]) -> Callable[Argume
 
 
 def in_threads(workers: int, function: Callable[[Given], Found], given: Iterable[Given]) -> list[Found]:
-    """Return what a function makes of each item, by so many workers."""
+    """Return the result of a function for each item, computed by ``workers`` threads."""
     items = list(given)
     if workers <= 1 or len(items) < 2:
         return [function(item) for item in items]
@@ -42,7 +43,10 @@ def in_threads(workers: int, function: Callable[[Given], Found], given: Iterable
 
 
 def aside(workers: int, function: Callable[[], Found]) -> Callable[[], Found]:
-    """Begin a calculation in parallel, and return a function that waits for its result; one worker begins it then."""
+    """Start a calculation in another thread; return a function that waits for its result.
+
+    With one worker the calculation starts only when the returned function is called.
+    """
     if workers <= 1:
         return function
     pool = ThreadPoolExecutor(1)

@@ -2,20 +2,20 @@
 
 Theory of operation
 -------------------
-Many candidates are tried, and one of them matches chance best. If nothing is hidden, the scores are jointly normal
-with unit variances, and their correlations are the cosines between the projected footprints: two candidates that do
-the same have the same score, whatever the noise. The threshold is the (1 − α) quantile of the *largest* of all
-scores. It needs no simulation and is exact to first order: candidates that are alike cost less than candidates that
-are not, points of a shape grid next to nothing.
+Many candidates are tested, and one of them matches the noise best. Without a hidden effect the scores are jointly
+normal with unit variances, and their correlations are the cosines between the projected footprints: two candidates with
+the same footprint have the same score, whatever the noise. The threshold is the (1 − α) quantile of the *largest* of
+all scores. It needs no simulation and is exact to first order. Similar candidates increase it less than different ones,
+and points of one shape grid hardly at all.
 
-A one-sided effect counts with its physical sign only, any other by its size.
+The score of a one-sided effect counts with its physical sign only, any other by its size.
 
-The event is rare: of plain draws of that normal distribution, one in 1/α says anything. So only draws are made in which
-some score exceeds a level: one of the M sides on which a score can be is chosen at random, its score is drawn above the
-level, the others as they go with it. Such a draw comes up for each of its S exceeding scores and counts M/S times the
-chance of one of them (importance sampling "at least one rare event": Owen, Maximov and Chertkov 2019, Electronic
-Journal of Statistics 13, 231-279). A first round with a low level finds where the quantile is, a second one begins just
-below it.
+The event is rare: of plain draws of the normal distribution, only one in 1/α is informative. So only draws are made in
+which some score exceeds a level: one of the M sides of the scores is selected at random, its score is drawn above the
+level, and the others conditionally on it. A draw with S exceeding scores can be selected S times, so its weight is M/S
+times the probability of one of them (importance sampling "at least one rare event": Owen, Maximov and Chertkov 2019,
+Electronic Journal of Statistics 13, 231-279). A first round with a low level locates the quantile; the level of the
+second round is just below it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ from diagnosis.engine.config import THRESHOLD_DRAWS, THRESHOLD_MARGIN
 
 
 def threshold(cosines: Array, one_sided: Mask, alpha: float, seed: int) -> float:
-    """Return the score that the largest of N(0, cosines) exceeds with probability alpha; two-sided ones by size."""
+    """Return the score that the largest of N(0, cosines) exceeds with probability alpha. Two-sided scores count by
+    size.
+    """
     if len(cosines) == 0:
         return float("inf")
     values, vectors = np.linalg.eigh(cosines)
@@ -43,7 +45,7 @@ def threshold(cosines: Array, one_sided: Mask, alpha: float, seed: int) -> float
 
 
 def _quantile(root: Array, one_sided: Mask, alpha: float, level: float, rng: np.random.Generator) -> float:
-    """Return the quantile from draws of which each exceeds a ``level``; scores are ``root`` (m, r) times N(0, 1)."""
+    """Return the quantile from draws that each exceed ``level``; scores are ``root`` (m, r) times N(0, 1)."""
     sides = np.concatenate((np.arange(len(root)), np.flatnonzero(~one_sided)))
     chance = float(ndtr(-level))
     side = rng.integers(len(sides), size=THRESHOLD_DRAWS)

@@ -1,17 +1,17 @@
-"""Step 6, fit and gates: models with one more hypothesis, fitted under the present noise and judged by the gates.
+"""Step 6, fit and gates: fit models with one more hypothesis under the present noise, and test them by the gates.
 
 Theory of operation
 -------------------
-A score is no name (step 4): whatever resembles the true cause scores as well. What decides is the fit, of the effect
-together with all base parameters. Fitted are the hypotheses that exceed the threshold, the highest scores first, and
-with the two highest whatever their catalogue calls their confusers or their richer relatives: an impostor often scores
-first, and the true cause may stand behind it.
+A score alone does not identify a cause (step 4), because similar effects score as well. The fit of the effect together
+with all base parameters decides. Hypotheses above the threshold are fitted, the highest scores first. For the two
+highest, their confusers and richer relatives in the catalogue are fitted too, because a wrong effect often has the
+highest score.
 
-A fit starts at the amplitude that the score estimates, with the base parameters that make room for it. All fits of one
-forward step share the noise and the columns of the base parameters, which makes them cheap, and comparable by BIC.
+A fit starts at the amplitude estimated from the score, with the base parameters adapted to it. All fits of one forward
+step share the noise and the columns of the base parameters. So they are fast and comparable by BIC.
 
-Trials are judged in the order of their BIC. Predicting the select runs costs as much as a fit, so only a trial that has
-passed all other gates, and that no better one has already passed before, is requested it.
+Trials are tested in the order of their BIC. A prediction of the select runs takes as long as a fit. So it is made only
+for a trial that has passed all other gates, and only until a better trial has passed.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Gate = Callable[[FittedModel, Prediction | None], str]
 
 
 def current_model(problem: Problem, point: Point, explained_chi2: float = 0.0) -> CurrentModel:
-    """Re-estimate the noise around a point, refit, score everything that is not in the model, predict."""
+    """Estimate the noise around a point, fit the model again, score all other effects, and predict the select runs."""
     rest = candidates([e for name, e in problem.hypotheses.items() if name not in point.owners])
     around = footprints(problem.replay, point, rest)
     alpha, seed = problem.config.alpha, problem.config.seed
@@ -52,7 +52,7 @@ def current_model(problem: Problem, point: Point, explained_chi2: float = 0.0) -
 
 
 def predicted(problem: Problem, model: FittedModel, near: Prediction | None = None) -> Prediction | None:
-    """Predict the select runs, with the columns of a prediction under the same noise; None where there are none."""
+    """Predict the select runs, with the columns of a prediction under the same noise; None without select runs."""
     if not problem.select:
         return None
     return predict(model, problem.select, near.linearisation if near else None)
@@ -61,7 +61,7 @@ def predicted(problem: Problem, model: FittedModel, near: Prediction | None = No
 def refit(problem: Problem, start: Point, current: CurrentModel, target: float = math.inf) -> FittedModel:
     """Fit another model under the noise of the current one, with its columns of the base parameters.
 
-    Below a ``target``, what gains less than a substitute must gain of that is not worth much.
+    The fit stops early if its χ² stays too far above ``target`` to be a substitute.
     """
     gap = current.model.penalised_chi2 - target
     ceiling = current.model.penalised_chi2 - SUBSTITUTE * gap if 0.0 < gap < math.inf else math.inf
@@ -70,7 +70,7 @@ def refit(problem: Problem, start: Point, current: CurrentModel, target: float =
 
 
 def fit_trials(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
-    """Fit and judge the effects that stand out against the current model, and their relatives; best BIC first."""
+    """Fit and test the effects above the threshold of the current model, and their relatives; best BIC first."""
     current = state.current
     wanted = _wanted(problem, current)
     starts = {name: current.screening.start(current.model.point, place) for name, place in wanted.items()}
@@ -80,9 +80,9 @@ def fit_trials(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
 def tried(
     problem: Problem, state: SearchState, starts: Mapping[str, Point], gate: Gate = lambda _model, _there: ""
 ) -> tuple[Trial, ...]:
-    """Fit effects, each from its start, the most promising first, and judge them; best BIC first.
+    """Fit effects from their starts, the most promising first, and test them; best BIC first.
 
-    A further ``gate`` returns why a fitted model with its prediction of the select runs does not pass, or "".
+    ``gate`` is a further test: it returns why a fitted model with its prediction of the select runs fails, or "".
     """
     current = state.current
     if not starts:
@@ -106,9 +106,9 @@ def tried(
 def _fitted(
     problem: Problem, current: CurrentModel, target: float, wanted: tuple[str, Point]
 ) -> tuple[Trial, FittedModel | None]:
-    """Fit a hypothesis from its start, and judge it; a model is large, and one that has failed is not kept.
+    """Fit a hypothesis from its start and test it. The model of a failed trial is dropped, because it is large.
 
-    ``target`` is the penalised χ² of the most promising one, in whose light the others are fitted.
+    ``target`` is the penalised χ² of the most promising trial.
     """
     name, start = wanted
     model = refit(problem, start, current, target)
@@ -137,7 +137,7 @@ def _wanted(problem: Problem, current: CurrentModel) -> dict[str, int]:
 def fit_physical(
     problem: Problem, effect: str, start: Point, current: CurrentModel, target: float = math.inf
 ) -> Trial:
-    """Fit a model that only has to be physical; if it is, compute its predictions."""
+    """Fit a model whose only gate is to be physical; if it passes, predict the select runs."""
     model = refit(problem, start, current, target)
     failed = unphysical(model, current.model)
     prediction = None if failed else predicted(problem, model, current.prediction)
@@ -146,7 +146,7 @@ def fit_physical(
 
 
 def too_rough(problem: Problem, current: CurrentModel, model: FittedModel) -> str:
-    """Return why a model with one more effect may only take up what the causes found before are wrong by."""
+    """Return why a model with one more effect may only explain errors of the accepted causes; "" if not."""
     gained = current.model.penalised_chi2 - model.penalised_chi2
     return merely_rough(gained, current.explained_chi2, current.screening.threshold, problem.config)
 
@@ -154,7 +154,7 @@ def too_rough(problem: Problem, current: CurrentModel, model: FittedModel) -> st
 def too_useless(
     problem: Problem, state: SearchState, model: FittedModel, prediction: Prediction | None
 ) -> str:
-    """Return why a model with more effects than the current one predicts nothing better."""
+    """Return why a model with more effects than the current one does not predict better; "" if it does."""
     current = state.current
     return useless(model, prediction, current.model, current.prediction, state.floors, problem.config)
 

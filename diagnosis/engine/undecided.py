@@ -1,18 +1,18 @@
-"""Step 8, undecided rivals: separable from a cause under the noise, but not on unseen runs.
+"""Step 8, undecided rivals: their fit differs clearly from that of a cause, but their prediction of unseen runs does
+not.
 
 Theory of operation
 -------------------
-BIC compares causes in units of the noise. Where a model leaves many times that, each of its errors is worth a gap of
-thousands, and the largest gap goes to whatever takes up most of them. Then runs count that nothing was fitted to. A
-physical rival that predicts them as well as the cause stays a rival. This is tested for all channels together, and for
-those alone in which the cause acts: where nearly all of the error is in others, the sum hardly changes with the cause,
-and so with any rival. In one case a slow clock and a delay were found together. The pressures could separate them, but
-the error was in the forces.
+BIC compares causes in units of the noise. If the error of a model is many times the noise, each part of it is a BIC gap
+of thousands, and the effect that absorbs most of it wins. Then unseen runs decide: a physical rival that predicts them
+as well as the cause stays a rival. This is tested for all channels together, and for the channels in which the cause
+acts, because errors of other channels can hide the difference. In one case a slow clock and a delay were found
+together. The pressures could separate them, but the error was in the forces.
 
-So is a relative that is in the model already. Friction that turns over between two samples and a force that lags are
-one corner of a loop, rounded: with a lag together with it, the friction has no presliding that the samples would
-resolve, and without it one that does the same. Where one of two confusers has such a number (`intervals.py`), and the
-other gains nothing on unseen runs, the model without that other one is its rival.
+A similar effect in the same model can also be a rival. Friction that reverses between two samples and a lagging force
+both round the corner of a loop. Together with a lag, the presliding travel of the friction is below the resolution of
+the samples; without the lag, it takes its place. If one of two confusers has such a parameter (`intervals.py`), and the
+other gains nothing on unseen runs, the model without the other one is a rival.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ from diagnosis.engine.search_state import Accepted, SearchResult
 
 
 class Undecided(NamedTuple):
-    """An effect that explains unseen runs as well as a cause, and its model; ``both_present``: both models have it."""
+    """An effect that explains unseen runs as well as a cause, and its model. ``both_present``: both models contain
+    it.
+    """
 
     effect: str
     instead_of: str
@@ -50,10 +52,10 @@ def undecided(
     after: Prediction,
     floors: Array,
 ) -> list[Undecided]:
-    """Return the rivals that predict the runs of ``after``, which were not fitted, as well as the accepted effects.
+    """Return the rivals that predict the unseen runs of ``after`` as well as the accepted effects.
 
-    ``model`` holds these, ``left`` and ``floors`` (c,) are what it and what noise alone leaves there. There are none
-    where the noise is reached, or where no run was kept back.
+    ``model`` contains the accepted effects, ``left`` is its error there, ``floors`` (c,) are the noise. There are no
+    rivals if the error is at the noise, or if all runs were fitted.
     """
     if not left.large or left.role == "fit":
         return []
@@ -70,12 +72,12 @@ def undecided(
 
 
 def _forecast(model: FittedModel, after: Prediction) -> Prediction:
-    """Return what a model predicts, as fitted, of the runs of another prediction."""
+    """Return the prediction of a model, as fitted, for the runs of another prediction."""
     return predict(model, after.replay.runs, after.linearisation, fixed=True)
 
 
 def _as_well_where_it_acts(rival: Prediction, after: Prediction, absent: Prediction) -> bool:
-    """Return whether a rival predicts those channels as well that the cause makes better, ``absent`` from one."""
+    """Return whether a rival predicts the channels in which the cause acts as well; ``absent`` is without the cause."""
     left, other, without = (mean_squares(one) for one in (after, rival, absent))
     acts = without > PREDICTS_AS_WELL**2 * left
     return not acts.any() or bool(np.mean(other[acts] / left[acts]) < PREDICTS_AS_WELL**2)
@@ -95,7 +97,9 @@ def _confusers_present(
     hypotheses: Mapping[str, Hypothesis],
     left: Remainder,
 ) -> Iterator[Undecided]:
-    """Yield the confusers of an effect in the same model, if it gains nothing and one is not resolved."""
+    """Yield the confusers of an effect in the same model, if the effect gains nothing and one of the two is not
+    resolved.
+    """
     if left.gained(accepted.effect) >= NO_GAIN:
         return
     mine = hypotheses[accepted.effect]

@@ -1,16 +1,16 @@
-"""Step 7, unknown terms: a surface over two states with a clear test result, fitted inside the model.
+"""Step 7, unknown terms: fit a surface over two states inside the model if its test is clear.
 
 Theory of operation
 -------------------
-Whatever the catalogue lacks is still a force, a flow or a heat that depends on states: a smooth surface over two of
-them, a sum of basis functions, represents all of it. It is tested like a candidate, by the scores of its coefficients
-together (`omnibus.py`). The whole surface sees everything and nothing well. Most unknown terms depend on one state
-alone, a stop or a one-way damper, and is clearer among the few functions of that state. So each state is tested alone
-as well, and the clearest view counts, its p-value multiplied by the number of views.
+A term that the catalogue lacks is a force, a flow or a heat that depends on states. A smooth surface over two states, a
+sum of basis functions, represents it. It is tested like a candidate, by the scores of its coefficients together
+(`omnibus.py`). The test of the whole surface is general, but weak. Most unknown terms, such as a stop or a one-way
+damper, depend on one state only, and a test with the few functions of this state is clearer. So each state is also
+tested alone. The clearest view counts, its p-value multiplied by the number of views.
 
 A clear surface is fitted inside the model, with its prior spread as the ridge. The named causes keep their numbers: the
-surface fits only their residual. It is kept where, as fitted, it predicts the select runs better. It is reported as a
-surface, with the range that the runs visited and with what it resembles, and never as a cause (`explain`).
+surface fits only their residual. It is kept if, as fitted, it improves the prediction of the select runs. It is
+reported as a surface, with the range that the runs covered and with similar terms, and never as a cause (`explain`).
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ from diagnosis.finding import Figure, Nearest, Region, Series, Unknown
 def clear_surfaces(
     accepted: Sequence[Accepted], screened: ScreenedModel, together: ScreenedModel, config: Config
 ) -> list[Omnibus]:
-    """Return the tests of surfaces that see a good part of what the accepted effects explain, the clearest first.
+    """Return the tests of surfaces that explain a large part of what the accepted effects explain, the clearest first.
 
-    How clear they are is what the model says that saw fit runs and select runs ``together``; what their fit starts from
-    is what the fit runs say.
+    The significance comes from ``together``, the model of fit runs and select runs; the start of the fit from the fit
+    runs.
     """
     explained = sum(one.explained for one in accepted)
     tests = []
@@ -64,7 +64,8 @@ def explain(
 ) -> tuple[FittedModel, Unknown]:
     """Fit a surface inside a model, and describe where it acts and which terms it resembles.
 
-    The model that is returned holds the surface where that predicts the select runs better; else it is ``model``.
+    The returned model contains the surface if this improves the prediction of the select runs; otherwise it is
+    ``model``.
     """
     coordinates = surface_coordinates(test.surface)
     start = model.point.extended(
@@ -94,20 +95,20 @@ def explain(
 
 
 def dropped(unknown: Unknown) -> Unknown:
-    """Return a surface that was kept as one that is not, since it predicts the report runs no better."""
+    """Return a kept surface as one that is not kept, because it does not improve the prediction of the report runs."""
     why = "not kept, because it does not predict the report runs better"
     return msgspec.structs.replace(unknown, kept=False, sentence=f"{unknown.sentence.rstrip('.')}; {why}.")
 
 
 def _gain(model: FittedModel, fitted: FittedModel, select: Sequence[MeasuredRun]) -> float:
-    """Return by how much better the select runs are predicted, as fitted: no other number makes up for a surface."""
+    """Return the increase of the lpd of the select runs by the surface, as fitted."""
     if not select:
         return float("nan")
     return predict(fitted, select, fixed=True).lpd - predict(model, select, fixed=True).lpd
 
 
 def _effects_fixed(model: FittedModel, start: Point) -> Prior:
-    """Return the priors of a larger model that leave the effects of a fitted one where they are."""
+    """Return the priors of a larger model that fix the effects of a fitted one at their values."""
     prior = prior_of(start)
     for i, coordinate in enumerate(model.point.coordinates):
         if coordinate.owner:
@@ -119,7 +120,7 @@ def _effects_fixed(model: FittedModel, start: Point) -> Prior:
 
 
 def resemblance(test: Omnibus, screening: Screening, most: int = 3) -> list[Nearest]:
-    """The named effects whose footprint is most similar to that of the surface, by the cosine after projection."""
+    """Return the named effects with the most similar footprint to the surface, by the cosine after projection."""
     best: dict[str, float] = {}
     for candidate, cosine in zip(screening.candidates, np.abs(test.cosines), strict=True):
         best[candidate.effect.name] = max(best.get(candidate.effect.name, 0.0), float(cosine))
@@ -128,7 +129,9 @@ def resemblance(test: Omnibus, screening: Screening, most: int = 3) -> list[Near
 
 
 def _regions(surface: Surface, coefficients: Array, deviations: Array) -> list[Region]:
-    """Stretches of each coordinate on which the surface differs from 0; coefficients are in units of their spread."""
+    """Return the ranges of each coordinate in which the surface differs from 0; coefficients are in units of their
+    spread.
+    """
     if not surface.centres:
         return []
     found = []
@@ -177,7 +180,7 @@ def _span(low: float | None, high: float | None) -> str:
 
 
 def _map(surface: Surface, values: Array, deviations: Array) -> Figure | None:
-    """The fitted surface over its two coordinates, where the data determine it."""
+    """Return the fitted surface over its two coordinates, where the data determine it."""
     if not surface.centres or len(surface.coordinates) != 2:
         return None
     first = surface.coefficients[0]

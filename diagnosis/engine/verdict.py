@@ -1,29 +1,29 @@
-"""Step 8, the verdict: one of six statements, from the named causes together with the surfaces of step 7.
+"""Step 8, the verdict: one of six statements, from the named causes and the surfaces of step 7.
 
 Theory of operation
 -------------------
-The search has named the causes that it could. The simulator's surfaces now represent everything that the catalogue
-lacks. The noise is estimated once more without the part that they explain. The surfaces are tested (`omnibus.py`) on
-the fit runs and the select runs together, because an unknown term is often clearest where nothing was fitted. Causes
-that the clearest surface makes superfluous leave the model (`doubt.py`), as do those whose range the last fit violates,
-those whose interval holds 0, and those that may only compensate a model form error (`constancy.py`). Such a cause helps
-little on runs that it was not fitted to. A cause that removes most of the error of the select runs, as fitted, is
+The search has named causes. The simulator's surfaces now represent everything that the catalogue lacks. The noise is
+estimated once more without the part that they explain. The surfaces are tested (`omnibus.py`) on the fit runs and the
+select runs together, because an unknown term is often clearest on runs that were not fitted. Causes that the clearest
+surface makes superfluous leave the model (`doubt.py`), and so do those outside of their range in the last fit, those
+with 0 in their interval, and those that may only compensate an error of the equations (`constancy.py`). Such a cause
+helps little on runs that it was not fitted to. A cause that removes most of the error of the select runs, as fitted, is
 therefore kept, however rough its own equation. The remaining causes pass all gates again (`backward.py`), and the test
-is repeated without the removed ones. Then the surface is fitted. If a removed cause may compensate a form error, and no
-surface was visible together with it, then a surface that appears in its absence is not reported: a known cause explains
-the same error.
+is repeated without the removed ones. Then the surface is fitted. If a removed cause may compensate such an error, and
+no surface was clear together with it, then a surface that appears in its absence is not reported, because a known cause
+explains the same error.
 
 The verdict follows from the remaining causes and scores, and no cause is forced:
 
-* no cause: `unknown` where a surface predicts better, `unresolved` where anything is seen, else `no effect`;
+* no cause: `unknown` if a surface predicts better, `unresolved` if anything else is significant, otherwise `no effect`;
 * causes with a rival that explains the data nearly as well: `ambiguous`;
 * causes, and a surface or a score that is more than a small part of the χ² that they explain: `named + unexplained
   remainder`;
-* else `named`.
+* otherwise `named`.
 
 The residual on unseen runs may still change the verdict (`final`, from `remainder.py`). `no effect` and a plain `named`
 require that the residual reaches the noise. A cause that leaves most of the error in every channel is not named at all.
-Between both, the unseen runs choose among rivals (`undecided.py`).
+Between these limits, the unseen runs select among rivals (`undecided.py`).
 """
 
 from __future__ import annotations
@@ -57,10 +57,10 @@ OWED: Final = "its evidence does not exceed the model's structural error"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judgement:
-    """The verdict with the surfaces that were fitted.
+    """The verdict with the fitted surfaces.
 
     ``found`` is the search result without doubtful effects. ``screened`` is the model with the remaining effects, and
-    the scores against it. ``model`` also holds the surfaces that were kept. ``dismissed`` are the doubtful effects.
+    the scores against it. ``model`` also contains the surfaces that were kept. ``dismissed`` are the doubtful effects.
     """
 
     verdict: Verdict
@@ -72,7 +72,7 @@ class Judgement:
 
 
 def judge(problem: Problem, found: SearchResult) -> Judgement:
-    """Judge what the search found, and what the simulator's surfaces see beyond it."""
+    """Judge the result of the search together with the simulator's surfaces."""
     imitable, left = False, list[Dismissed]()
     while True:
         screened, clear = _beyond(problem, found)
@@ -96,14 +96,14 @@ def judge(problem: Problem, found: SearchResult) -> Judgement:
 
 
 def without_surfaces(judgement: Judgement, config: Config) -> Judgement:
-    """Return a judgement without its surfaces, which predict unseen runs no better; clear ones are still reported."""
+    """Return a judgement without its surfaces, which do not improve predictions; clear ones are still reported."""
     unknowns = tuple(dropped(one) for one in judgement.unknowns if (one.p or 0.0) < UNKEPT_SURFACE_P)
     verdict = _verdict(judgement.found, judgement.screened.screening, unknowns, config)
     return replace(judgement, verdict=verdict, model=judgement.screened.model, unknowns=unknowns)
 
 
 def _beyond(problem: Problem, found: SearchResult) -> tuple[ScreenedModel, list[Omnibus]]:
-    """Return the model of the found effects with all other scores, and the surfaces with a clear effect."""
+    """Return the model with the accepted effects, its scores and surface tests, and the clear surfaces."""
     replay, select, config = problem.replay, problem.select, problem.config
     current = found.state.current
     if not replay.simulator.surfaces:
@@ -117,7 +117,7 @@ def _beyond(problem: Problem, found: SearchResult) -> tuple[ScreenedModel, list[
 def _leaving(
     problem: Problem, found: SearchResult, screened: ScreenedModel, clear: Sequence[Omnibus]
 ) -> dict[str, str]:
-    """Return the accepted effects that must leave the final model, with the reason of each."""
+    """Return the accepted effects that must leave the final model, each with the reason."""
     model = screened.model
     if not found.accepted:
         return {}
@@ -144,7 +144,7 @@ def _leaving(
 
 
 def _below_samples(problem: Problem, found: SearchResult, model: FittedModel) -> dict[str, str]:
-    """Return the accepted effects whose amplitude is less than the samples resolve, with that as the reason."""
+    """Return the accepted effects whose amplitude is below the resolution of the samples, each with the reason."""
     amplitudes = {one.effect: problem.hypotheses[one.effect].amplitude.name for one in found.accepted}
     return {
         effect: "it is smaller than the samples can resolve"
@@ -165,7 +165,7 @@ def _with_select(
 
 
 def final(verdict: Verdict, left: Remainder, rivals: int = 0) -> Verdict:
-    """Return the verdict adapted to the residual on unseen runs, and to ``rivals`` that predict them as well."""
+    """Return the verdict adapted to the error on unseen runs, and to ``rivals`` that predict them equally well."""
     if verdict is Verdict.NO_EFFECT and left.large:
         return Verdict.UNRESOLVED
     if verdict not in {Verdict.NAMED, Verdict.REMAINDER}:

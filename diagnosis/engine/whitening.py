@@ -1,11 +1,11 @@
-"""Step 3, noise: the filter that whitens residuals and footprints alike, whatever samples are missing.
+"""Step 3, noise: the filter that whitens residuals and footprints, with any pattern of missing samples.
 
 Theory of operation
 -------------------
-Whitening predicts each sample from those of its predecessors that were measured, and divides the error by its standard
-deviation. So it is white whatever is missing, and a run's first samples count as much as its last. Which predecessors
-are known is the same for most samples of a channel: the weights are tabulated by that pattern, and stretches of one
-pattern are filtered in one go. A packed column (`columns.py`) has its predecessors next to each other.
+Whitening predicts each sample from its measured predecessors, and divides the error by its standard deviation. So the
+result is white with any missing samples, and the first samples of a run have the same weight as the last. Most samples
+of a channel have the same pattern of measured predecessors: weights are tabulated by pattern, and stretches of one
+pattern are filtered together. In a packed column (`columns.py`) the predecessors are adjacent.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ from diagnosis.engine.noise import ChannelNoise, Noise
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChannelFilter:
-    """What whitens one channel: stretches of the packed samples, each with its row of weights.
+    """The whitening filter of one channel: stretches of the packed samples, each with its row of weights.
 
     ``starts`` (s + 1,) bound the stretches, ``which`` (s,) are their rows of ``weights`` (w, p + 1): of the sample
-    itself, then of its packed predecessors, latest first, 0 beyond ``reach`` (w,) of them.
+    itself, then of its packed predecessors, latest first. Only the first ``reach`` (w,) predecessors have weights.
     """
 
     starts: Places
@@ -49,7 +49,7 @@ class ChannelFilter:
 
     @property
     def deviation(self) -> float:
-        """The standard deviation by which white noise is divided; 0 where predecessors count."""
+        """The standard deviation by which white noise is divided; 0 if predecessors have weights."""
         return 0.0 if self.weights.shape != (1, 1) else 1.0 / float(self.weights[0, 0])
 
     def __call__(self, values: AnyFloats, out: Any) -> None:
@@ -59,7 +59,7 @@ class ChannelFilter:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Filter:
-    """What whitens one run."""
+    """The whitening filter of one run."""
 
     packing: Packing
     channels: tuple[ChannelFilter, ...]
@@ -74,11 +74,11 @@ class Filter:
         return white[0]
 
     def spread(self, values: AnyFloats) -> Array:
-        """Whiten samples (n, c) and leave them in their places; what does not count becomes 0."""
+        """Whiten samples (n, c) and return them in their places (n, c); 0 where a sample does not count."""
         return self.packing.spread(self(values))
 
     def columns(self, parts: Sequence[Columns]) -> Columns:
-        """Whiten columns in single precision, those of all ``parts`` one after the other."""
+        """Whiten columns in single precision; the result joins those of all ``parts``."""
         white = [
             Columns(part.size, [_whitened(*one) for one in zip(self.channels, part.traces, strict=True)])
             for part in parts
@@ -87,7 +87,7 @@ class Filter:
 
 
 def _whitened(channel: ChannelFilter, raw: Trace) -> Trace:
-    """Whiten one channel of columns; under white noise nothing is copied."""
+    """Whiten one channel of columns. White noise only changes the scale, without a copy."""
     if channel.deviation:
         return raw.scaled(1.0 / channel.deviation)
     white = room(raw.values.shape)
@@ -114,7 +114,7 @@ def _whitening(channels: tuple[ChannelNoise, ...], packing: Packing) -> Filter:
 
 
 def _channel_filter(noise: ChannelNoise, counted: Mask) -> ChannelFilter:
-    """Tabulate the weights of one channel by which of its predecessors were measured."""
+    """Tabulate the weights of one channel for each pattern of measured predecessors."""
     lags = noise.order
     lags += BRIDGED_GAP if lags and not counted.all() else 0
     rows = np.flatnonzero(counted)

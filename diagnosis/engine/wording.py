@@ -1,4 +1,4 @@
-"""Causes, rivals and scores as the finding has them."""
+"""Causes, rivals and scores in the form of the finding."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from diagnosis.finding import NAMED, SUSPECTED, Cause, Estimate, Rival, Score
 
 
 def estimates(effect: Hypothesis, point: Point, covariance: Array) -> list[Estimate]:
-    """Return amplitude and shapes of an effect where a fit ended, in the units that people read."""
+    """Return the fitted amplitude and shapes of an effect, in display units."""
     values = point.values()
     found = []
     for coordinate in effect_coordinates(effect):
@@ -38,7 +38,7 @@ def cause(
     laws: Sequence[Rival] = (),
     distinguishing_run: str = "",
 ) -> Cause:
-    """Return an accepted effect as the finding has it.
+    """Return an accepted effect in the form of the finding.
 
     ``laws`` are indistinguishable laws of the same phenomenon, and ``distinguishing_run`` is a run that separates them.
     A cause is only suspected if it improves the prediction of no unseen run.
@@ -68,7 +68,7 @@ def cause(
 def laws(
     found: SearchResult, effects: Mapping[str, Hypothesis], instead_of: str, trials: Sequence[Trial]
 ) -> list[Rival]:
-    """Return laws of one phenomenon as the finding has them, from their fits instead of a cause."""
+    """Return laws of one phenomenon in the form of the finding, from their fits in place of a cause."""
     return [
         Rival(
             effect=trial.effect,
@@ -86,7 +86,7 @@ def laws(
 def rivals(
     found: SearchResult, effects: Mapping[str, Hypothesis], gap: float, alike: Sequence[Undecided] = ()
 ) -> list[Rival]:
-    """Return which other effects explain the data, or predict unseen runs, as well as a cause does."""
+    """Return the other effects that explain the data, or predict unseen runs, as well as a cause."""
     told = [
         (a.effect, r.effect, "", estimates(effects[r.effect], r.point, r.covariance), r.bic - found.model.bic)
         for a, r in found.ambiguous(gap)
@@ -153,7 +153,7 @@ def scores(found: SearchResult, beside: Screening) -> list[Score]:
 
 
 def _still_scores(name: str, beside: Screening) -> str:
-    """Return what the final model leaves of a score that exceeded the threshold against the base model."""
+    """Return what happened to a score above the threshold of the base model, in the final model."""
     if all(candidate.effect.name != name for candidate in beside.candidates):
         return "a cause in its place explains more"
     score = float(beside.z[beside.best(name)])

@@ -1,1 +1,1 @@
-"""A finding as a page that people read: pictures first, numbers together with them."""
+"""The report of a finding as an HTML page, with drawings first and their numbers beside them."""

@@ -1,4 +1,4 @@
-"""The drawings of a diagnosis: each function gives one SVG element, the same bytes for the same finding."""
+"""The drawings of a diagnosis: each function returns one SVG element, with the same bytes for the same finding."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ MOST_SCORES = 24
 
 
 def values(numbers: Sequence[float | None]) -> Array:
-    """Numbers with NaN where there is none."""
+    """Return numbers with NaN in place of None."""
     return np.array([np.nan if n is None else n for n in numbers], dtype=np.float64)
 
 
 def trace_curves(name: str, trace: Trace) -> str:
-    """A few seconds of a report run: measured, and both models."""
+    """Draw a few seconds of a report run: measured, and predicted by both models."""
     with style():
         figure, axes = panel(2.25, width=4.72, left=0.66, right=0.12, bottom=0.48, top=0.30)
         times = np.array(trace.times)
@@ -46,7 +46,9 @@ def trace_curves(name: str, trace: Trace) -> str:
 
 
 def trace_errors(name: str, trace: Trace) -> str:
-    """The errors over the whole run, between their extremes, and the noise as a band of two standard deviations."""
+    """Draw the errors over the whole run, between their extremes, and the noise as a band of two standard
+    deviations.
+    """
     with style():
         figure, axes = panel(2.25, width=4.72, left=0.66, right=0.12, bottom=0.48, top=0.30)
         times = np.array(trace.error_times)
@@ -64,7 +66,9 @@ def trace_errors(name: str, trace: Trace) -> str:
 
 
 def gain_rows(name: str, gains: Sequence[Gain]) -> str:
-    """The error in each channel over its noise, before and after, on a logarithmic scale that ends at the noise."""
+    """Draw the error in each channel over its noise, before and after, on a logarithmic scale that ends at the
+    noise.
+    """
     rows = [g for g in gains if g.noise_ratio_before is not None and g.noise_ratio is not None]
     if not rows:
         return ""
@@ -88,7 +92,7 @@ def gain_rows(name: str, gains: Sequence[Gain]) -> str:
 
 
 def score_points(name: str, scores: Sequence[Score], threshold: float) -> str:
-    """The score of every effect against the base model, and the threshold that chance keeps under."""
+    """Draw the score of every effect against the base model, and the threshold."""
     shown = sorted((s for s in scores if s.score is not None), key=lambda s: -(s.score or 0.0))[:MOST_SCORES]
     if not shown:
         return ""
@@ -129,9 +133,9 @@ def score_points(name: str, scores: Sequence[Score], threshold: float) -> str:
 
 
 def panel_map(name: str, rows: Sequence[PanelRow]) -> str:
-    """All tests over all channels with their statistics, where they cannot be chance; a dot where one does not apply.
+    """Draw all tests over all channels with their statistics if significant; a dot where a test does not apply.
 
-    Chance itself would not distinguish them : in long runs it is 0 for whatever is wrong.
+    The p-value would not distinguish them: in long runs it is 0 for every error.
     """
     tests = list(dict.fromkeys(row.title for row in rows if row.test != "parity"))
     channels = list(dict.fromkeys(row.channel for row in rows if row.test != "parity"))
@@ -173,7 +177,7 @@ def panel_map(name: str, rows: Sequence[PanelRow]) -> str:
 
 
 def cosine_map(name: str, confusability: Confusability) -> str:
-    """Cosines between the footprints of all effects; those above 0.9 are written out."""
+    """Draw the cosines between the footprints of all effects; those above 0.9 have a number."""
     effects = confusability.effects
     if len(effects) < 2:
         return ""
@@ -206,12 +210,12 @@ def cosine_map(name: str, confusability: Confusability) -> str:
 
 
 def _room(names: Sequence[str], least: float = 0.0) -> float:
-    """Return the room (inches) that the longest of some names needs in the page's type."""
+    """Return the width (inches) of the longest of some names in the page's font."""
     return max(least, 0.25 + LETTER * max(map(len, names)))
 
 
 def _short(size: float) -> str:
-    """A statistic in a cell that has room for five letters: thousands with k, millions with M."""
+    """Return a statistic with at most five characters: thousands with k, millions with M."""
     for name, unit in (("", 1.0), ("k", 1e3), ("M", 1e6)):
         if size < 999.5 * unit:
             return f"{size / unit:.3g}{name}"
@@ -225,7 +229,7 @@ def _cell(x: float, y: float, color: Any) -> Any:
 
 
 def panel_figure(name: str, title: str, figure: Figure) -> str:
-    """What a test of the panel, or a surface, drew."""
+    """Draw the figure of a test of the panel, or of a surface."""
     with style():
         drawing, axes = panel(
             2.75,
@@ -288,7 +292,7 @@ def _series(axes: Axes, figure: Figure, series: Series, color: str) -> None:
 
 
 def _even(axis: Axis, places: Array, ticks: int) -> Array:
-    """Places of a map side by side, with their values at the ticks: those of a speed are not equidistant."""
+    """Return equidistant places for a map, with their values at the ticks. Speeds themselves are not equidistant."""
     known = np.unique(places[np.isfinite(places)])
     step = max(1, -(-known.size // ticks))
     axis.set_ticks(np.arange(known.size)[::step], _tick_labels(known)[::step])
@@ -296,7 +300,7 @@ def _even(axis: Axis, places: Array, ticks: int) -> Array:
 
 
 def _tick_labels(numbers: Array) -> list[str]:
-    """Numbers with the digits that their range is worth: values far below that range are 0."""
+    """Return numbers with the digits that their range requires; values far below that range are 0."""
     reach = float(np.ptp(numbers)) if numbers.size else 0.0
     decimals = max(0, 1 - math.floor(math.log10(reach))) if reach > 0.0 else 3
     rounded = [round(float(n), decimals) for n in numbers]
@@ -304,7 +308,7 @@ def _tick_labels(numbers: Array) -> list[str]:
 
 
 def shift_rows(name: str, rows: Sequence[tuple[str, float]]) -> str:
-    """How far parameters of the base model move, in standard deviations that it claimed for itself."""
+    """Draw the shift of parameters of the base model, in standard deviations of the base model's fit."""
     with style():
         height, left = 0.215 * len(rows) + 0.80, _room([label for label, _ in rows], 2.25)
         width = left + 4.15
@@ -331,7 +335,7 @@ def _foot(axes: Axes, text: str) -> None:
 
 
 def _legend(axes: Axes) -> None:
-    """The names of the lines, at the foot of the figure."""
+    """Add the names of the lines at the foot of the figure."""
     axes.figure.legend(
         loc="lower left",
         bbox_to_anchor=(axes.get_position().x0 - 0.012, -0.015),
@@ -345,7 +349,7 @@ def _legend(axes: Axes) -> None:
 
 
 def _sized(drawing: str, width: float) -> str:
-    """A drawing that keeps its size on the page, where type must not grow with the room."""
+    """Return a drawing with a fixed size on the page, so that its font does not grow with the window."""
     return drawing.replace('class="plot"', f'class="plot" style="max-width:{6.04 * width:.1f}rem"', 1)
 
 
@@ -358,7 +362,7 @@ def _log_axis(axes: Axes, axis: str, shown: Sequence[float | None]) -> None:
 
 
 def _plain_log(axes: Axes, axis: str) -> None:
-    """Ticks at 1, 2 and 5 (or at decades only, where there are many), written as plain numbers."""
+    """Set ticks at 1, 2 and 5 (at decades only for a long axis), written as plain numbers."""
     from matplotlib.ticker import LogLocator, NullLocator
 
     which = axes.xaxis if axis == "x" else axes.yaxis

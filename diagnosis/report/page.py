@@ -43,7 +43,7 @@ class Curves(NamedTuple):
 
 
 class RunOfInvestigation(NamedTuple):
-    """One plan that an investigation ran, and the conclusion from all data up to it; ``minutes`` on the bench."""
+    """One plan of an investigation, and the conclusion from all data up to it; ``minutes`` on the bench."""
 
     plan: str
     minutes: float
@@ -52,7 +52,7 @@ class RunOfInvestigation(NamedTuple):
 
 
 class InvestigationHistory(NamedTuple):
-    """How an investigation came to its finding, and why it ended; ``budget`` in minutes of the bench."""
+    """The runs of an investigation, and why it ended; ``budget`` in minutes of the bench."""
 
     runs: Sequence[RunOfInvestigation]
     budget: float
@@ -60,14 +60,14 @@ class InvestigationHistory(NamedTuple):
 
 
 def write_report(finding: Finding, path: Path | str, history: InvestigationHistory | None = None) -> Path:
-    """Write the page of a finding; returns its path.  The bytes depend on the finding and its history alone."""
+    """Write the page of a finding and return its path. The bytes depend only on the finding and its history."""
     target = Path(path)
     target.write_text(render(finding, history), encoding="utf-8", newline="\n")
     return target
 
 
 def headline(finding: Finding) -> str:
-    """Return the verdict in a few words, which claim no more than the evidence of the causes does."""
+    """Return the verdict in a few words that do not exceed the evidence."""
     if finding.suspected:
         return "A cause is suspected, but no unseen run confirms it"
     return HEADLINES[finding.verdict]
@@ -80,7 +80,7 @@ def first_screen(finding: Finding) -> list[tuple[str, str]]:
 
 
 def render(finding: Finding, history: InvestigationHistory | None = None) -> str:
-    """The page of a finding."""
+    """Return the page of a finding."""
     parts = _summary(finding) | _causes(finding) | _residual(finding) | _what_is_possible(finding)
     formats = {
         "interval": interval,
@@ -140,7 +140,7 @@ def _causes(finding: Finding) -> dict[str, Any]:
 
 
 def _residual(finding: Finding) -> dict[str, Any]:
-    """What the panel of tests says of the residuals of the base model."""
+    """Return the results of the panel of tests on the residuals of the base model."""
     tested = [row for row in finding.panel if row.p is not None]
     clear = sorted(
         (row for row in tested if row.significant), key=lambda row: (row.q or 0.0, -(row.statistic or 0.0))
@@ -160,7 +160,7 @@ def _residual(finding: Finding) -> dict[str, Any]:
 
 
 def _what_is_possible(finding: Finding) -> dict[str, Any]:
-    """What these runs can distinguish , which runs would decide, and how the base parameters moved."""
+    """Return what these runs can distinguish, which runs would decide, and the shifts of the base parameters."""
     shifts = _shift_rows(finding.shifts)
     confusability = finding.confusability
     moved = [(_label(shift), shift.sigmas or 0.0) for shift in shifts]
@@ -175,7 +175,7 @@ def _what_is_possible(finding: Finding) -> dict[str, Any]:
 
 
 def interval(estimate: Estimate) -> str:
-    """The 95 % interval of a fitted number, or the bound below which no sample resolves it."""
+    """Return the 95 % interval of a fitted number as text, or the bound below which the samples do not resolve it."""
     if estimate.below is not None:
         return f"not resolved: below {shown(estimate.below, 2)}"
     if estimate.low is None or estimate.high is None:
@@ -185,7 +185,7 @@ def interval(estimate: Estimate) -> str:
 
 
 def _one_of_each_test_first(rows: Sequence[PanelRow]) -> list[PanelRow]:
-    """So many rows: the clearest of every test, then the others, from the clearest on."""
+    """Return the first rows to show: the clearest of every test, then the others, clearest first."""
     first: dict[str, PanelRow] = {}
     for row in rows:
         first.setdefault(row.test, row)

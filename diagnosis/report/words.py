@@ -15,28 +15,28 @@ _TOML = re.compile(
 
 
 def shown(value: float | None, digits: int = 3) -> str:
-    """A number in so many significant digits; far from 1 as a power of ten."""
+    """Return a number with ``digits`` significant digits; far from 1 as a power of ten."""
     return DASH if value is None else significant(value, digits)
 
 
 def percent(value: float | None) -> str:
-    """A part of 1 as a percentage."""
+    """Return a part of 1 as a percentage."""
     return DASH if value is None else f"{_short(100.0 * value)}{THIN_SPACE}%"
 
 
 def _short(value: float) -> str:
-    """A number in three significant digits without zeros at its end."""
+    """Return a number with three significant digits, without zeros at its end."""
     text = significant(value, 3)
     return text if "·" in text or "." not in text else text.rstrip("0").rstrip(".")
 
 
 def gained(value: float | None) -> str:
-    """A gain in words: better or worse by so much."""
+    """Return a gain as text: better or worse by its size."""
     return DASH if value is None else f"{'better' if value >= 0.0 else 'worse'} by {shown(abs(value))}"
 
 
 def percents(low: float | None, high: float | None) -> str:
-    """An interval of parts of 1, as fine as it is narrow; at its upper end no surer than anybody can be."""
+    """Return an interval of parts of 1 in percent, with digits by its width, and at most "> 99.9 %"."""
     if low is None or high is None:
         return ""
     half = 50.0 * (min(high, 1.0) - low)
@@ -50,32 +50,32 @@ def percents(low: float | None, high: float | None) -> str:
 
 
 def pair(value: float | None, half: float | None) -> tuple[str, str]:
-    """A number and what it may be off by, written to the same digit."""
+    """Return a number and its uncertainty, rounded to the same digit."""
     if value is None:
         return DASH, DASH
     return with_uncertainty(value, math.nan if half is None else half)
 
 
 def chance(p: float | None) -> str:
-    """A p-value: no finer than anybody believes it."""
+    """Return a p-value as text; values below 10⁻⁹ are not distinguished."""
     if p is None:
         return DASH
     return "<\u200910⁻⁹" if p < 1e-9 else shown(p, 2)
 
 
 def unit(name: str) -> str:
-    """A unit as it is printed: nothing for a pure number."""
+    """Return a unit as printed; "" for a pure number."""
     return "" if name == "1" else _raised(name)
 
 
 def _raised(text: str) -> str:
-    """A text with the powers of its units set: mm², g/(min·bar²)."""
+    """Return a text with the powers of its units in superscript: mm², g/(min·bar²)."""
     powers = re.sub(r"\b(m|mm|bar)([23])\b", lambda m: m[1] + m[2].translate(SUPERSCRIPT), text)
     return re.sub(r"\b(min|kN)\*", r"\1·", powers)
 
 
 def typeset(text: str) -> str:
-    """A text of the finding with its powers of ten and minus signs set, but for the TOML in it."""
+    """Return a text of the finding with typeset powers of ten and minus signs, except in its TOML parts."""
     parts = _TOML.split(text)
     parts[::2] = map(_set, parts[::2])
     return "".join(parts)
@@ -91,7 +91,7 @@ def _set(text: str) -> str:
 
 
 def prose(sentence: str) -> str:
-    """A sentence of the finding, typeset, with a capital unless it begins with the name of a channel."""
+    """Return a typeset sentence of the finding, with a capital unless it begins with the name of a channel."""
     text = typeset(sentence)
     named = "." in text.split(" ", 1)[0].rstrip(".,:")
     return text if named else text[:1].upper() + text[1:]

@@ -1,1 +1,1 @@
-"""The systems that can be diagnosed: each a simulator with its catalogue of effects, and its way from files to data."""
+"""The systems that can be diagnosed: each has a simulator, a catalogue of effects, and a reader of files."""

@@ -1,6 +1,6 @@
-"""A chamber of constant volume that is filled, closed and watched: its pressure and, where measured, its temperature.
+"""A chamber of constant volume that is filled, closed and observed: its pressure and, if measured, its temperature.
 
-Sealed, with gas as warm as the wall, p stays as it was. Everything else is an effect of the catalogue.
+Sealed, with gas at wall temperature, p is constant. Everything else is an effect of the catalogue.
 """
 
 from __future__ import annotations
@@ -39,9 +39,10 @@ _NUISANCES: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chamber:
-    """The simulator: the only input is ``clock``, seconds since the start of the file. Settings and pressures in SI.
+    """The simulator. The only input is ``clock``, seconds since the start of the file. Settings and pressures are in
+    SI.
 
-    Each experiment has its measured gauge pressure at the start among its settings, as ``start_pressure``.
+    The setting ``start_pressure`` of each experiment is its measured gauge pressure at the start.
     """
 
     volume: float
@@ -88,7 +89,7 @@ class Chamber:
 
 
 def _leaks(effects: Effects) -> Array:
-    """Return the numbers of the leak laws in the order of `_flow`; what is missing is 0."""
+    """Return the numbers of the leak laws in the order of `_flow`; 0 for missing ones."""
     orifice = effects.get("leak_orifice", {})
     opening = effects.get("leak_opening", {})
     porous = effects.get("leak_inertial", {})
@@ -108,7 +109,7 @@ def _leaks(effects: Effects) -> Array:
 
 @compiled
 def _orifice(p: float, T: float, p_a: float, b: float) -> float:
-    """Mass flow in kg/s of an orifice of conductance 1 m³/(s·Pa) by ISO 6358, from p to p_a."""
+    """Return the mass flow (kg/s) of an orifice with conductance 1 m³/(s·Pa) by ISO 6358, from p to p_a."""
     if p <= p_a:
         return 0.0
     r = p_a / p
@@ -118,7 +119,7 @@ def _orifice(p: float, T: float, p_a: float, b: float) -> float:
 
 @compiled
 def _flow(p: float, T: float, p_a: float, k: Array) -> float:
-    """Mass flow in kg/s out of the chamber by all leaks; ``k`` as `_leaks` returns it."""
+    """Return the mass flow (kg/s) out of the chamber through all leaks; ``k`` is from `_leaks`."""
     excess = p - p_a
     squares = p * p - p_a * p_a
     flow = k[2] * excess + k[3] * squares + k[6] * excess * (1.0 + k[7] * excess)
@@ -172,7 +173,7 @@ def _prepare(step: float, clock: Array, measured: Mapping[str, Array]) -> Mappin
 
 
 def _begin(measured: Mapping[str, Array]) -> Mapping[str, float]:
-    """The pressure where a record begins, by a straight line through the first samples: it may be falling fast."""
+    """Return the pressure at the start of a record, from a line through the first samples because it may fall fast."""
     pressure = measured["pressure"][:_FIRST]
     known = np.flatnonzero(np.isfinite(pressure))
     if len(known) < 2:

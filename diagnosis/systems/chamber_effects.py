@@ -1,6 +1,6 @@
-"""What a closed chamber can have: five laws of a leak, two of heat, and a sensor that drifts.
+"""The effects of a closed chamber: five laws of a leak, two of heat, and a drifting sensor.
 
-p is the absolute pressure, p_a that of the air around, G the mass flow out of the chamber.
+p is the absolute pressure, p_a the ambient one, G the mass flow out of the chamber.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def chamber_effects(volume: float) -> Mapping[str, Hypothesis]:
 
 
 def _leaks(volume: float) -> tuple[Hypothesis, ...]:
-    """The laws of a leak; typical is one that empties the chamber within `_EMPTYING_TIME`."""
+    """Return the laws of a leak. A typical leak empties the chamber within `_EMPTYING_TIME`."""
     mass_per_pressure = volume / (R_AIR * T_0)
     sonic = _conductance(
         "m3/(s*Pa)", mass_per_pressure / (RHO_0 * _EMPTYING_TIME), "litre/(min*bar)", 1e-3 / 60.0 / _BAR

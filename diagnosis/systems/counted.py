@@ -1,8 +1,7 @@
-"""What of a record counts: readings that say something, and forces where it is known how the bolster is accelerated.
+"""The samples of a record that count: informative readings, and forces while the acceleration of the bolster is known.
 
-A record that is only planned will count no more than that (`counted_if_recorded`): a run whose forces will not count
-cannot decide by them, and a thermometer that is rounded to 50 mK says something a hundred times less often than it is
-read.
+The record of a planned run will count the same samples (`counted_if_recorded`). A run whose forces do not count cannot
+decide by them, and a thermometer with a resolution of 50 mK gives information a hundred times less often than readings.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,10 +34,10 @@ _SEEN_BY: Final = {
 def counted_if_recorded(
     experiment: Experiment, outputs: Array, channels: Sequence[Channel], par: Any
 ) -> NDArray[np.bool_]:
-    """Return which samples (n, c) a record of a planned experiment would count, if its channels read ``outputs``.
+    """Return which samples (n, c) would count in the record of a planned experiment with these ``outputs``.
 
-    The bench's accelerometer reports the lateral acceleration. The setting ``conditioned`` is the time (s of the
-    experiment) when friction has forgotten the past.
+    The bench's accelerometer measures the lateral acceleration. The setting ``conditioned`` is the time (s of the
+    experiment) when friction no longer depends on the history.
     """
     inputs, step = experiment.inputs, experiment.step
     acceleration = np.gradient(np.gradient(inputs["shear"], step), step) if "shear" in inputs else None
@@ -66,8 +65,8 @@ def undetermined_forces(
 ) -> dict[str, NDArray[np.bool_]]:
     """Return where (n,) actuator forces do not determine the forces of the springs, by channel.
 
-    There the acceleration of the bolster is not known well enough. ``lateral`` is where no accelerometer reports the
-    lateral one; None if there is none.
+    There the acceleration of the bolster is not known well enough. ``lateral`` is where no accelerometer measures the
+    lateral one; None without an accelerometer.
     """
     turns = {
         name: abrupt(inputs[name], sensor_noise(sensor, par))
@@ -84,15 +83,15 @@ def undetermined_forces(
 
 
 def coarse(channel: Channel) -> bool:
-    """Whether a channel is rounded so coarsely that its noise does not move it about."""
+    """Return whether the resolution of a channel is so coarse that its noise does not change the reading."""
     return channel.resolution > _COARSE * channel.noise
 
 
 def while_it_moves(values: Array, step: float) -> Array:
-    """Return the readings (n,) of a quick signal that is rounded to a coarse ``step``, one of each stretch at rest.
+    """Return the readings (n,) of a fast signal with a coarse resolution ``step``, and one reading per stretch at rest.
 
-    While a signal moves, rounding errors change from sample to sample, and pass for noise. Where it stays within a step
-    for longer than noise remembers, the error stays the same: of such a stretch its middle is kept, else NaN.
+    While a signal moves, rounding errors change between samples and act like noise. While it stays within a step, the
+    error is constant: of such a stretch only the middle is kept, the others are NaN.
     """
     result = values.copy()
     known = np.flatnonzero(np.isfinite(values))
@@ -110,13 +109,12 @@ def while_it_moves(values: Array, step: float) -> Array:
 
 
 def at_its_steps(values: Array) -> Array:
-    """Return the readings (n,) of a signal rounded more coarsely than it is noisy, where they say something, else NaN.
+    """Return the informative readings (n,) of a signal whose resolution is coarser than its noise, else NaN.
 
-    Where it is slow, only its steps: a hundred equal readings say no more than one, and at a step the signal was
-    half-way between both. While it stays near there, noise makes it step to and fro, which says that once: of steps
-    between the same two readings the middle one counts. Where it is quick, every reading: half-way between two samples
-    a wave is not half-way between their readings but further out, by a fifth of its amplitude for 2 Hz seen ten times a
-    second.
+    Of a slow signal only the steps count, because a hundred equal readings contain no more information than one. At a
+    step the signal is half-way between both readings. Noise may cause several steps between the same two readings; only
+    the middle one counts. Of a fast signal every reading counts, because half-way between two samples a wave is not
+    half-way between their readings but further out, by a fifth of its amplitude for 2 Hz at ten samples per second.
     """
     result = np.full(len(values), np.nan)
     known = np.flatnonzero(np.isfinite(values))

@@ -1,4 +1,4 @@
-"""From irregular samples to an equidistant grid, and from one long record to the runs in it."""
+"""Resampling of irregular samples to an equidistant grid, and cutting of one long record into runs."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from diagnosis.contracts import Array
 
 
 def resample(time: Array, values: Array, grid: Array, longest_gap: float) -> Array:
-    """Return ``values`` (n,) at the times ``grid`` (m,), straight between neighbours.
+    """Return ``values`` (n,) at the times ``grid`` (m,), by linear interpolation.
 
-    NaN outside of the samples (nothing is extrapolated) and between neighbours more than ``longest_gap`` apart.
+    NaN outside of the samples and between neighbours more than ``longest_gap`` apart.
     """
     known = np.isfinite(values)
     t, y = time[known], values[known]
@@ -27,10 +27,10 @@ def resample(time: Array, values: Array, grid: Array, longest_gap: float) -> Arr
 
 
 def resample_held(time: Array, values: Array, grid: Array, *, whole: bool = False) -> Array:
-    """Return what ``values`` (n,) that are kept until the next sample are from each time of ``grid`` (m,) to the next.
+    """Return ``values`` (n,) that are held until the next sample, for each step of ``grid`` (m,).
 
-    Where they change within a step it is their mean, or, where only ``whole`` values mean something, that in the middle
-    of the step. NaN before the first sample.
+    If they change within a step, the result is their mean; for ``whole`` values it is the value in the middle of the
+    step. NaN before the first sample.
     """
     known = np.isfinite(values)
     t, y = time[known], values[known]
@@ -56,7 +56,9 @@ def resample_held(time: Array, values: Array, grid: Array, *, whole: bool = Fals
 
 
 def bridge(values: Array) -> Array:
-    """Return ``values`` (n,) with NaN replaced by straight lines: an input needs a value at every sample."""
+    """Return ``values`` (n,) with NaN replaced by linear interpolation, because an input needs a value at every
+    sample.
+    """
     known = np.isfinite(values)
     index = np.arange(len(values))
     return np.interp(index, index[known], values[known])
@@ -91,13 +93,13 @@ def reversals(x: Array, least: float) -> NDArray[np.intp]:
 
 
 def pieces_by_reversals(x: Array, least: float, strokes: int) -> list[tuple[int, int]]:
-    """Return (start, stop) of runs of ``strokes`` whole strokes of ``x``; partial strokes belong to none."""
+    """Return (start, stop) of runs of ``strokes`` whole strokes of ``x``; partial strokes are left out."""
     turns = reversals(x, least)
     return [(int(turns[i]), int(turns[i + strokes])) for i in range(0, len(turns) - strokes, strokes)]
 
 
 def pieces_by_length(samples: int, length: int) -> list[tuple[int, int]]:
-    """Return (start, stop) of runs of ``length`` samples; a rest shorter than half of that belongs to none."""
+    """Return (start, stop) of runs of ``length`` samples; a remainder shorter than half of that is left out."""
     starts = range(0, samples, length)
     return [
         (start, min(start + length, samples))

@@ -1,18 +1,17 @@
-"""The period in which readings are refreshed, where they are held in between.
+"""The refresh period of readings that are held between refreshes.
 
 Theory of operation
 -------------------
-A reading that is held is late by the time since its last refresh, a (t mod T). In addition to a mean delay, its error
-is
+A held reading is late by the time since its last refresh, a (t mod T). In addition to a mean delay, its error is
 
     −a dp/dt s(t),   s = (t mod T) − T/2 = −T/π Σ_k sin(2πk t/T)/k,
 
-so the product of error and dp/dt has a line at 1/T, in the phase of the clock. Over the minutes of a record that line
-is a needle: periods that differ by a ten-thousandth are out of step at its end, and no grid of periods meets one. So T
-is found in the data. Together with the line, the spectrum has what the errors of a model put there, which changes
-slowly with the frequency: a line counts where it stands far above its surroundings. It has lines too, where something
-moves steadily for long; those are in |dp/dt| as well, and where the clearest is one of them nothing is reported. Around
-a line that counts, T is where −dp/dt s takes most of the square of the errors.
+so the product of error and dp/dt has a line at 1/T, in the phase of the clock. Over the minutes of a record this line
+is very narrow: a period wrong by 1 in 10 000 is out of phase at the end, so a grid of periods cannot find it. So T is
+estimated from the data. The spectrum also contains model errors, which change slowly with the frequency: a line counts
+if it is far above its surroundings. A long steady motion gives lines too, but these are also in |dp/dt|; if the
+clearest line is one of them, nothing is reported. Around a line that counts, T is the period for which −dp/dt s
+explains most of the square of the errors.
 """
 
 from collections.abc import Iterator, Sequence
@@ -45,7 +44,7 @@ _TRIED: Final = 201
 
 
 class ChannelErrors(NamedTuple):
-    """A channel in one run: the clock when its samples were taken (n,), their errors (n,), and dp/dt as predicted (n,).
+    """A channel in one run: clock (n,) of its samples, their errors (n,), and the predicted dp/dt (n,).
 
     Errors and rates are 0 where nothing was measured.
     """
@@ -60,7 +59,9 @@ class ChannelErrors(NamedTuple):
         return float(self.clock[1] - self.clock[0])
 
     def without_lateness(self) -> "ChannelErrors":
-        """Return it without what a constant lateness explains, in units of the standard deviation of the rest."""
+        """Return the channel without the part that a constant delay explains, divided by the standard deviation of the
+        rest.
+        """
         late = float(self.errors @ self.rates) / max(float(self.rates @ self.rates), 1e-300)
         rest = self.errors - late * self.rates
         scale = max(float(np.std(rest)), 1e-300)
@@ -68,7 +69,7 @@ class ChannelErrors(NamedTuple):
 
 
 def errors_of(run: MeasuredRun, places: Sequence[int], expected: Array) -> Iterator[ChannelErrors]:
-    """Yield the channels of a run at some ``places`` among its outputs, with their ``expected`` values (n, m)."""
+    """Yield the channels of a run at ``places`` among its outputs, compared with their ``expected`` values (n, m)."""
     clock = run.experiment.settings.get("start", 0.0) + run.experiment.time
     for place, values in zip(places, expected.T, strict=True):
         counted = run.counted[:, place]
@@ -80,14 +81,14 @@ def errors_of(run: MeasuredRun, places: Sequence[int], expected: Array) -> Itera
 
 
 def of_period(held: Hypothesis, period: float) -> Hypothesis:
-    """Return the hypothesis of readings that are held, with a ``period`` (s) that is known."""
+    """Return the hypothesis of held readings with a known ``period`` (s)."""
     (shape,) = held.shapes
     known = replace(shape, nominal=period, spread=_KNOWN * period, step=_DIFFERENCE * _KNOWN * period)
     return replace(held, shapes=(known,), grid=((period,),), imitated=())
 
 
 def held_period(channels: Sequence[ChannelErrors], shortest: float, longest: float) -> float | None:
-    """Return the period T (s) in which ``channels`` are refreshed, between two bounds; None if they are not held."""
+    """Return the refresh period T (s) of ``channels``, between two bounds; None if they are not held."""
     together = _together(channels)
     if not together:
         return None
@@ -105,7 +106,7 @@ def held_period(channels: Sequence[ChannelErrors], shortest: float, longest: flo
 
 
 def _together(channels: Sequence[ChannelErrors]) -> list[ChannelErrors]:
-    """Return the channels that have one spectrum: sampled alike, and not too long after the first."""
+    """Return the channels for one common spectrum: with the same sampling, and not too long after the first."""
     if not channels:
         return []
     first = min(channels, key=lambda one: float(one.clock[0]))
@@ -125,11 +126,11 @@ class _Spectrum(NamedTuple):
 
     @property
     def step(self) -> float:
-        """Between two frequencies, in Hz."""
+        """Distance of two frequencies, in Hz."""
         return float(self.frequencies[1])
 
     def around(self, place: int) -> float:
-        """Return the mean power around a line: that of noise is its median by ln 2."""
+        """Return the mean power around a line; for noise it is the median divided by ln 2."""
         near, far = (round(hertz / self.step) for hertz in (_NEAR, _FAR))
         power = np.abs(
             np.r_[self.values[max(place - far, 0) : place - near], self.values[place + near : place + far]]
@@ -138,7 +139,9 @@ class _Spectrum(NamedTuple):
 
 
 def _spectra(channels: Sequence[ChannelErrors]) -> tuple[_Spectrum, _Spectrum]:
-    """Return the spectra of error times rate, and of the size of the rate: even orders of whatever moves steadily."""
+    """Return the spectra of error times rate, and of the size of the rate, which shows even orders of steady
+    motions.
+    """
     first = min(float(one.clock[0]) for one in channels)
     last = max(float(one.clock[-1]) for one in channels)
     step = channels[0].step
@@ -155,7 +158,7 @@ def _spectra(channels: Sequence[ChannelErrors]) -> tuple[_Spectrum, _Spectrum]:
 
 
 def _taken(channels: Sequence[ChannelErrors], period: float) -> float:
-    """Return how much of the square of the errors readings that are held for a ``period`` take."""
+    """Return the part of the square of the errors that readings held for ``period`` explain."""
     product, square = 0.0, 0.0
     for clock, errors, rates in channels:
         shape = -rates * ((clock + _AT_ONCE) % period - 0.5 * period)

@@ -1,9 +1,8 @@
-"""States of a system over time by a fixed step: the classical Runge-Kutta method for a custom right-hand side.
+"""Integration of a system with a fixed step: the classical Runge-Kutta method for a custom right-hand side.
 
-The right-hand side is a function ``rates(state, inputs, p)``: of the state (k,), the inputs (m,) at that time, and a
-tuple of all other values that it needs, to the k rates of change, as a tuple or an array. It may be plain Python and
-numpy. Compiled by ``numba.njit`` it is a hundred times faster; then the method is compiled around it, once for each
-process.
+The right-hand side is a function ``rates(state, inputs, p)`` of the state (k,), the inputs (m,) at that time, and a
+tuple of other values. It returns the k rates of change as a tuple or an array. It may be plain Python and numpy.
+Compiled by ``numba.njit`` it is a hundred times faster; then the method is compiled with it, once for each process.
 """
 
 from __future__ import annotations
@@ -31,9 +30,9 @@ def integrate(
 ) -> Array:
     """Return the states (n, k) at the samples, from ``start`` (k,); ``inputs`` are m arrays (n,), ``step`` is in s.
 
-    Inputs are straight lines between samples, or keep their value until the next one where ``held`` (m,). Each step
-    between two samples is done in so many ``parts``. The error is of fourth order in step/parts while the rates are
-    smooth. DiagnosisError where the arguments do not fit together.
+    Inputs are interpolated linearly between samples, or keep their value until the next one if ``held`` (m,). Each step
+    between two samples is divided into ``parts``. The error is of fourth order in step/parts for smooth rates.
+    DiagnosisError if the arguments do not fit together.
     """
     driven = np.ascontiguousarray(
         np.column_stack([np.asarray(values, dtype=np.float64) for values in inputs])

@@ -2,21 +2,21 @@
 
 Theory of operation
 -------------------
-A wrong sign or a gauge pressure read as absolute is an error that no candidate describes and that some imitate.
-Four things betray it, none of which needs a fit:
+A wrong sign, or a gauge pressure read as absolute, is an error that no candidate describes and that some imitate. Four
+signs show it without a fit:
 
 * A column without a number in one of the files.
-* A pressure below that of the air around.
-* *Loop work.* Whatever holds a passive body takes work over a closed way, ∮ F dx ≥ 0. With the sign of F or x wrong it
-  gives work, cycle after cycle.
-* *Another reading fits far better.* The base model at its nominal values, whatever it lacks, predicts where an output
-  lies and which way it goes. Files are read again with one sign turned round, or with a pressure read the other way.
-  What takes three quarters of the power out of the error of an output is reported; of its course alone, without its
-  mean, where the model is worse than a constant as the map stands. Of several readings the one that helps all outputs
-  most is reported, and the search goes on with it; no column is reported twice. The sign of an input at rest is not
-  tested: reversed, it is another zero.
+* A pressure below the ambient pressure.
+* *Loop work.* A passive body absorbs work over a closed path, ∮ F dx ≥ 0. With the wrong sign of F or x it delivers
+  work in every cycle.
+* *Another reading fits far better.* Even an incomplete base model at nominal values predicts the level and the
+  direction of an output. Files are read again with one sign reversed, or with a pressure as gauge instead of absolute.
+  A change is reported if it removes three quarters of the power of the error of an output; the error without its mean
+  is used too if the model with the present map is worse than a constant. Of several changes the one that helps all
+  outputs most is reported, and the search continues with it; no column is reported twice. The sign of an input at rest
+  is not tested, because its reversal only changes the zero.
 
-A doubt is no verdict: it is reported with the finding, which comes nevertheless.
+A doubt does not stop the diagnosis. It is reported with the finding.
 """
 
 from __future__ import annotations
@@ -64,9 +64,9 @@ ReadRuns = Callable[[Mapping[str, Column], Sequence[str]], Sequence[MeasuredRun]
 def map_doubts(
     mapping: Map, system: System, simulator: Simulator, dataset: Dataset, ambient: float, read: ReadRuns
 ) -> Iterator[str]:
-    """Yield sentences on what of a map cannot be right, with the key that is doubted.
+    """Yield sentences on probable errors of a map, with the doubtful key.
 
-    ``dataset`` is what the map makes of the files, ``ambient`` the pressure of the air around in Pa.
+    ``dataset`` are the mapped files, ``ambient`` the ambient pressure in Pa.
     """
     channels, runs = [channel.name for channel in dataset.channels], dataset.runs
     yield from _empty_columns(runs, channels)
@@ -77,7 +77,7 @@ def map_doubts(
     records = list(dict.fromkeys(run.experiment.record for run in few))
 
     def errors(columns: Mapping[str, Column]) -> _Errors | None:
-        """Return the errors with other columns; None where nothing can be simulated with them."""
+        """Return the errors with other columns; None if nothing can be simulated with them."""
         try:
             found = read(columns, records)
             return _errors([run for run in found if run.experiment.name in names], simulator, channels)
@@ -105,9 +105,9 @@ def nearer_unit(
     dataset: Dataset,
     read: ReadRuns,
 ) -> str | None:
-    """Return with which unit of a column the nominal simulation is much nearer: that of the map, or that ``stated``.
+    """Return the unit of a column with the much better nominal simulation: that of the map, or the ``stated`` one.
 
-    None where neither is, or nothing can be simulated with one of them.
+    None if neither is much better, or if nothing can be simulated with one of them.
     """
     channels = [channel.name for channel in dataset.channels]
     other_columns = dict(columns) | {name: msgspec.structs.replace(columns[name], unit=stated)}
@@ -123,7 +123,7 @@ def nearer_unit(
 
 
 def _clearly_nearer(now: _Errors, other: _Errors) -> NDArray[np.bool_]:
-    """Return of which channels (c,) the errors are so much smaller that the reading is doubted."""
+    """Return for which channels (c,) the other errors are so much smaller that the present reading is doubtful."""
     astray = (now.varied > 1.0) & (other.varied < _BETTER * now.varied)
     return astray | (other.whole < _BETTER * now.whole)
 
@@ -189,7 +189,7 @@ def _loop_work(runs: Sequence[MeasuredRun], system: System, channels: Sequence[s
 
 
 def _loops(force: Array, way: Array) -> list[float]:
-    """Return the work in J of each stroke there and back, closed by a straight line."""
+    """Return the work (J) of each stroke there and back, closed by a straight line."""
     known = np.isfinite(force)
     force, way = force[known], way[known]
     if len(way) < 2 or not np.ptp(way) > _ROUNDING * float(np.abs(way).max()):
@@ -203,9 +203,9 @@ def _loops(force: Array, way: Array) -> list[float]:
 
 
 def _surely_negative(works: Sequence[float]) -> bool:
-    """Return whether chance hardly makes so many negative works: of either sign alike, or all of a size.
+    """Return whether the negative works are not due to chance: significantly many, or all of similar size.
 
-    The noise of a column that is at rest makes loops, too, each of either sign.
+    The noise of a column at rest makes loops too, of both signs.
     """
     values, count = np.array(works), len(works)
     negative = int(np.sum(values < 0.0))
@@ -214,7 +214,7 @@ def _surely_negative(works: Sequence[float]) -> bool:
 
 
 def _stands_still(runs: Sequence[MeasuredRun], name: str) -> bool:
-    """Return whether an input hardly moves in any run, relative to its mean: its sign is that of its zero."""
+    """Return whether an input hardly moves in any run, relative to its size, so that its sign only changes its zero."""
     found = [
         values[np.isfinite(values)] for run in runs if (values := run.experiment.inputs.get(name)) is not None
     ]

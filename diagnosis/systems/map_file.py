@@ -64,7 +64,7 @@ class Column(Source, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class RoleRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``[[runs.role]]``: the first rule that matches file and run decides."""
+    """``[[runs.role]]``: the first rule that matches file and run gives the role."""
 
     role: Role
     files: str = "*"
@@ -72,7 +72,7 @@ class RoleRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Runs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``[runs]``: how a file is cut into runs, what of each is not scored, and the role of each."""
+    """``[runs]``: how a file is cut into runs, which part of each is not scored, and the role of each."""
 
     cut: Literal["file", "strokes", "time"] = "file"
     signal: str | None = None
@@ -85,14 +85,14 @@ class Runs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class FileRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``[[file_settings]]``: what differs in the files that match; where two rules do, the later one counts."""
+    """``[[file_settings]]``: settings for matching files; a later rule overrides an earlier one."""
 
     files: str
     settings: dict[str, str]
 
 
 class FrameKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """``[frames]``: how logs of CAN frames are meant; their columns are called ``MESSAGE.SIGNAL``."""
+    """``[frames]``: how to decode logs of CAN frames; their columns are called ``MESSAGE.SIGNAL``."""
 
     dbc: str | None = None  #: next to the map; without it the messages are those of this bench
     charset: str | None = None
@@ -119,7 +119,7 @@ class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
 
 
 def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]:
-    """Return the map and the system that it is for: the ``simulator`` of the user's own if one is given."""
+    """Return the map and its system: the user's ``simulator`` if one is given."""
     try:
         content = read_toml(map_path)
     except OSError as error:
@@ -150,9 +150,9 @@ def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]
 
 
 def plain_map(first: Path, simulator: str) -> tuple[Map, System]:
-    """Return the map of files with columns named like the signals of a ``simulator``, in SI, and ``time`` in s.
+    """Return a map for files whose columns have the names of the signals of a ``simulator``, in SI, and ``time`` in s.
 
-    Outputs that the ``first`` of the files does not have were not measured.
+    Outputs that the ``first`` file does not have were not measured.
     """
     if simulator.lower().endswith(".fmu"):
         raise DiagnosisError(
@@ -206,7 +206,7 @@ def _system(mapping: Map, where: Path) -> System:
 
 
 def settings_of(mapping: Map, system: System, where: Path, file: Path | None = None) -> dict[str, float]:
-    """Return every setting of the system in SI, for one ``file`` or for all, as the map gives it or by its default.
+    """Return every setting of the system in SI, for one ``file`` or for all, from the map or by default.
 
     DiagnosisError reports all settings that are wrong or missing.
     """
@@ -252,13 +252,13 @@ def _setting(text: str, setting: SystemSetting, system: System, where: str) -> f
 
 
 def held_inputs(mapping: Map, system: System) -> frozenset[str]:
-    """Return the inputs that keep their values between samples, as the map says or else the system."""
+    """Return the inputs that keep their values between samples, by the map or else by the system."""
     given = {name: column.hold for name, column in mapping.columns.items() if column.hold is not None}
     return frozenset(one.name for one in system.inputs if given.get(one.name, one.held))
 
 
 def channels_of(mapping: Map, system: System, where: Path, errors: Errors) -> tuple[Channel, ...]:
-    """Return the outputs that the map gives; ``errors`` gets what of its columns does not suit the system."""
+    """Return the outputs of the map; errors of its columns are added to ``errors``."""
     signals = system.signals
     known = set(system.errors)
     for name, column in mapping.columns.items():
@@ -305,10 +305,10 @@ def channels_of(mapping: Map, system: System, where: Path, errors: Errors) -> tu
 def read_columns(
     path: Path, keys: FileKeys, time: TimeSource, wanted: Mapping[str, Source], account: Account
 ) -> dict[str, Series]:
-    """Return the ``wanted`` columns, each with its own times, by the name that the map gives them.
+    """Return the ``wanted`` columns by their names in the map, each with its own times.
 
     ``account`` receives notes on how the file was read and which rows were skipped. DiagnosisError names file, key and
-    column, and the columns that are there.
+    column, and the existing columns.
     """
     try:
         return reading.read_series(path, keys, time, wanted, account)
@@ -317,7 +317,7 @@ def read_columns(
 
 
 def column_names(path: Path, wanted: Sequence[ColumnName]) -> list[str]:
-    """Return the names of all columns of a file whose head holds some of the ``wanted``. DiagnosisError for none."""
+    """Return the names of all columns of a file whose head contains some of the ``wanted``. DiagnosisError if none."""
     try:
         return reading.column_names(path, FileKeys(), Account(), wanted)
     except RecordError as error:

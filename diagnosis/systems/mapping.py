@@ -1,4 +1,4 @@
-"""A user's own files as a dataset to be diagnosed, cut, resampled and in SI, as a map file says."""
+"""A user's own files as a dataset for a diagnosis: cut, resampled and converted to SI by a map file."""
 
 from __future__ import annotations
 
@@ -74,10 +74,10 @@ def read_mapped(
 ) -> tuple[Simulator, Dataset]:
     """Return the simulator and the runs in ``paths``, in SI on an equidistant grid.
 
-    The map names the simulator, or ``own`` does, "package.module:factory". Without a map columns are named like its
-    signals. A simulator of the user's own is checked against its contract on the shortest run. Outputs that were not
-    measured are no channels of the dataset. In a gap outputs are NaN and inputs are straight lines. ``frames`` reads
-    logs of CAN frames. DiagnosisError names file, key, value with its unit, and what would be right.
+    The simulator is named in the map, or by ``own``, "package.module:factory". Without a map, columns have the names of
+    its signals. A user's own simulator is checked against its contract on the shortest run. Outputs that were not
+    measured are no channels of the dataset. In a gap outputs are NaN and inputs are interpolated. ``frames`` reads logs
+    of CAN frames. DiagnosisError names file, key, value with its unit, and the correct form.
     """
     if not paths:
         raise DiagnosisError(f"{map_path or own}: there are no data files; name at least one")
@@ -135,7 +135,7 @@ def _digest(map_path: Path | None, paths: Sequence[Path], system: System) -> str
 
 
 def _not_left_out(missing: Iterable[Remark], remarks: Sequence[Remark]) -> list[Remark]:
-    """Return the outputs with gaps in the file itself, not from skipped rows; of inputs every gap counts."""
+    """Return the gaps of outputs in the file itself, without those from skipped rows; of inputs all gaps."""
     left = {(one.file, one.column) for one in remarks if one.consequence.startswith(LEFT_OUT)}
     return [one for one in missing if one.consequence != LEFT_OUT or (one.file, one.column) not in left]
 
@@ -147,7 +147,9 @@ def _settle_units(
     dataset: Dataset,
     read: Callable[[Mapping[str, Column], Sequence[str]], Sequence[MeasuredRun]],
 ) -> None:
-    """Use the map's unit instead of the header's only if the simulation is much nearer with it. DiagnosisError else."""
+    """Use the map's unit instead of the header's if the simulation is much nearer with it; otherwise raise
+    DiagnosisError.
+    """
     for name, (path, stated) in list(reader.contradicted.items()):
         unit = columns[name].unit
         if nearer_unit(columns, name, stated, simulator, dataset, read) == unit:
@@ -172,7 +174,7 @@ def _refuse_empty(runs: Sequence[MeasuredRun], channels: Sequence[Channel], wher
 
 
 def _described(simulator: Simulator, given: Sequence[Channel], where: Path) -> tuple[Channel, ...]:
-    """Return the measured channels as the simulator knows them, with what the map knows better."""
+    """Return the measured channels of the simulator, with noise and resolution of the map if it states them."""
     known = {channel.name: channel for channel in simulator.channels}
     for channel in given:
         if channel.name not in known:
@@ -192,7 +194,7 @@ def _described(simulator: Simulator, given: Sequence[Channel], where: Path) -> t
 
 @dataclass(frozen=True, slots=True)
 class _Reader:
-    """Makes runs of the table of a file, as a map says; ``columns`` may be other ones than those of the map."""
+    """Makes runs from the table of a file by a map; ``columns`` may differ from those of the map."""
 
     mapping: Map
     system: System
@@ -206,7 +208,7 @@ class _Reader:
     remarks: list[Remark] = field(default_factory=list)
 
     def table(self, path: Path, frames: FrameReader | None) -> dict[str, Series]:
-        """Return the columns of a file without what checks of the data leave out; they add to the remarks."""
+        """Return the columns of a file without samples that fail data checks, which are added to the remarks."""
         mapping, account = self.mapping, self.accounts[path]
         found = None
         if frames is not None and mapping.file.format is None:
@@ -219,7 +221,7 @@ class _Reader:
         return clean
 
     def ambient(self, path: Path | None) -> float:
-        """Return the pressure of the air around in Pa, for one file or for all."""
+        """Return the ambient pressure in Pa, for one file or for all."""
         settings = settings_of(self.mapping, self.system, self.where, path)
         return settings.get("ambient_pressure", _STANDARD_ATMOSPHERE)
 
@@ -305,7 +307,7 @@ class _Reader:
         )
 
     def _unit(self, path: Path, name: str, series: Series, column: Column) -> str:
-        """Return the unit of a column: that of the map, or that of the head, which may not contradict it."""
+        """Return the unit of a column, from the map or from the head of the column, which must agree."""
         key, stated = f"{self.where}: columns.{name}.unit", series.unit.strip().removeprefix("-")
         if stated in ("", column.unit):
             if column.unit is None:
@@ -337,7 +339,7 @@ class _Reader:
 
 
 def _lead(mapping: Map, system: System, where: Path, step: float) -> int | None:
-    """Return how many samples before a run its replay begins; None: with the file."""
+    """Return the number of samples by which a replay begins before its run; None: at the start of the file."""
     lead = mapping.runs.lead
     if system.forgets:
         return 0 if lead is None else round(difference(lead, "s", f"{where}: runs.lead") / step)
@@ -371,7 +373,7 @@ def _in_si(
 def _clock(
     path: Path, table: Mapping[str, Series], mapping: Map, where: Path, held: Collection[str]
 ) -> tuple[Array, dict[str, float]]:
-    """Return the grid (n,) on which all columns are there, and the longest gap of each column, in s."""
+    """Return the grid (n,) on which all columns have values, and the longest gap of each column, in s."""
     known = {name: one.times[np.isfinite(one.values)] for name, one in table.items()}
     rows = max(len(one.times) for one in table.values())
     if rows < 3:

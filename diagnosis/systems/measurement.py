@@ -1,4 +1,4 @@
-"""Effects of any measurement that a model of the system lacks: gain, offset, drift, lag, delay, held samples.
+"""Effects of measurement that a model of the system lacks: gain, offset, drift, lag, delay, held samples.
 
 Each is a cause for one signal, named as ``lag.force``. For an output, the effect changes the model's value y to the
 reading. For an input, the value u that drives the model follows from the recorded u_m by the inverse.
@@ -30,7 +30,7 @@ _REACH: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A signal that is measured: ``size`` is an ordinary error of its zero, ``delay`` of its timing in s, both SI."""
+    """A measured signal: ``size`` is a typical error of its zero (SI), ``delay`` of its timing (s)."""
 
     name: str
     unit: str
@@ -148,7 +148,7 @@ def read_as(name: str, values: Array, time: Array, effects: Effects) -> Array:
 
 
 def driven_by(name: str, values: Array, time: Array, effects: Effects) -> Array:
-    """Return what drives a model of an input that was recorded as ``values`` (n,) at equidistant ``time`` (n,)."""
+    """Return the input of a model that was recorded as ``values`` (n,) at equidistant ``time`` (n,)."""
     u = values
     if late := _value(effects, "latency", name, "delay"):
         u = _at(u, time, time + late)
@@ -172,7 +172,7 @@ def _value(effects: Effects, kind: str, name: str, parameter: str) -> float:
 
 
 def _at(values: Array, time: Array, wanted: Array) -> Array:
-    """Return a signal at other times, along a cubic spline; before its begin and after its end it stays as it was."""
+    """Return a signal at other times by a cubic spline, constant outside of its range."""
     return CubicSpline(time, values)(np.clip(wanted, time[0], time[-1]))
 
 

@@ -1,19 +1,20 @@
 """The motion of the bench, measured by its displacement sensors, without their noise and their lag.
 
-A replay follows every sample that it is given, and friction takes each reversal for one. So the samples are smoothed
-by Whittaker's method: the motion x minimises
+A replay follows every sample, and friction responds to each reversal, also of the noise. So the samples are smoothed by
+Whittaker's method: the motion x minimises
 
     Σ (y_n − x_n)²/σ² + Σ (Δ³x_n)²/q_n
 
-over all samples y_n that there are, and bridges the others. σ is the noise of the sensor; q_n, the size of the third
-difference around sample n, is that of the motion itself: small at rest, large where it turns.
+over all existing samples y_n, and interpolates the others. σ is the noise of the sensor; q_n, the size of the third
+difference around sample n, is that of the motion itself: small at rest, large at reversals.
 
-What that takes from the motion is still in y − x. So y − x is smoothed as well and given back (twicing; Tukey,
-Exploratory Data Analysis, 1977), both with less of q: as much noise is removed, and waves keep their size. Smoothed
-only once, 12.5 Hz of 0.5 mm were weaker by 0.08 %, and forces that follow them as if they lagged by half a millisecond.
+The removed part of the motion is still in y − x. So y − x is smoothed too and added (twicing; Tukey, Exploratory Data
+Analysis, 1977), both with a smaller q: the same noise is removed, and waves keep their size. With a single smoothing,
+12.5 Hz of 0.5 mm lost 0.08 %, and forces that depend on them seemed to lag by half a millisecond.
 
-A wave that is hardly larger than the noise is lost even so, as the 28 µm of 12.5 Hz by which heights follow 2 mm
-sideways, for the bolster rolls. `in_step` finds the part of a signal that is in phase with a clearly visible motion.
+A wave that is hardly larger than the noise is still lost. For example, a lateral motion of 2 mm at 12.5 Hz moves the
+heights by 28 µm, because the bolster rolls. `in_step` finds the part of a signal that is in phase with a clearly
+visible motion.
 """
 
 from collections.abc import Mapping
@@ -105,10 +106,10 @@ def motion_inputs(measured: Mapping[str, Array], step: float, parameters: Parame
 
 
 def sheared(places: Mapping[str, Array], given_way: Array, par: Any) -> Array:
-    """Return the shear y (n,) of the springs from what the `SENSORS` that there are read, each (n,).
+    """Return the shear y (n,) of the springs from the readings of the existing `SENSORS`, each (n,).
 
-    With the transducer d = y_B − h_a φ_B + q of the lateral actuator, whose frame has ``given_way`` by q (n,), and
-    φ_B = (ζ_L − ζ_R)/2b + φ_P
+    The transducer of the lateral actuator reads d = y_B − h_a φ_B + q; ``given_way`` is the deflection q (n,) of its
+    frame. With φ_B = (ζ_L − ζ_R)/2b + φ_P
 
         y = d − q + (h_a + e) φ_B − y_P + h φ_P
     """
@@ -125,7 +126,7 @@ def sheared(places: Mapping[str, Array], given_way: Array, par: Any) -> Array:
 
 
 def give(force: Array, actuator: int, par: Any, step: float) -> Array:
-    """Return by how much (n,) the frame of an actuator gives way to a smooth ``force`` F (n,): F = k q + c dq/dt."""
+    """Return the deflection q (n,) of an actuator's frame under a smooth ``force`` F (n,): F = k q + c dq/dt."""
     stiffness = float(par.frame_stiffness[actuator])
     return with_lag(force / stiffness, float(par.frame_damping[actuator]) / stiffness, step)
 
@@ -138,10 +139,9 @@ def sensor_noise(name: str, par: Any) -> float:
 
 
 def smooth(values: Array, noise: float) -> Array:
-    """Return ``values`` (n,) without their ``noise`` (its standard deviation); NaN are bridged.
+    """Return ``values`` (n,) without their ``noise`` (its standard deviation); NaN are interpolated.
 
-    Readings that show nothing but noise give their mean. Raises DiagnosisError where fewer than eight samples were
-    measured.
+    Readings that contain only noise give their mean. Raises DiagnosisError for fewer than eight samples.
     """
     known = np.isfinite(values)
     if known.sum() < LEAST:
@@ -157,11 +157,11 @@ def smooth(values: Array, noise: float) -> Array:
 
 
 def in_step(left: Array, motion: Array, step: float, noise: float) -> Array:
-    """Return what of the samples that are ``left`` (n,), NaN where there are none, goes in step with a ``motion`` (n,).
+    """Return the part of samples ``left`` (n,), NaN where there are none, that is in phase with a ``motion`` (n,).
 
-    That is α times its acceleration and β times its speed, both fitted around every sample. The result is zero where
-    their χ² is no larger than by chance, and the full fit where it is much larger. If the residual scatters more than
-    the ``noise`` of the data sheet, χ² uses this scatter instead.
+    It is α times the acceleration plus β times the speed of the motion, both fitted around every sample. The result is
+    zero where their χ² is no larger than by chance, and the full fit where it is much larger. If the residual scatters
+    more than the ``noise`` of the data sheet, χ² uses this scatter instead.
     """
     time = step * np.arange(len(motion))
     spline = CubicSpline(time, motion)
@@ -188,28 +188,27 @@ def in_step(left: Array, motion: Array, step: float, noise: float) -> Array:
 
 
 def abrupt(motion: Array, noise: float) -> NDArray[np.bool_]:
-    """Return where a smooth ``motion`` (n,) turns so fast that its acceleration is not known well enough.
+    """Return where a smooth ``motion`` (n,) reverses so fast that its acceleration is not known well enough.
 
-    There its third difference exceeds a tenth of the ``noise`` of the sensor. The smoothing passed more than 13 Hz
-    there. The part of 10 µm of noise that passes too makes accelerations of 10 mm/s², or a quarter of the noise of a
-    load cell.
+    There its third difference exceeds a tenth of the ``noise`` of the sensor, and the smoothing passes more than 13 Hz.
+    The part of a noise of 10 µm that passes too is an acceleration of 10 mm/s², a quarter of the noise of a load cell.
     """
     third = np.pad(np.abs(np.diff(motion, 3)), (1, 2), mode="edge")
     return np.asarray(maximum_filter1d(third, 2 * _REACH + 1, mode="nearest") > 0.1 * noise)
 
 
 def sudden(acceleration: Array, noise: float) -> NDArray[np.bool_]:
-    """Return where an ``acceleration`` (n,) from an accelerometer changes too fast to be known.
+    """Return where the ``acceleration`` (n,) of an accelerometer changes too fast to be interpolated.
 
-    There a cubic through four samples is off by more than the ``noise`` of the sensor half-way between two of them: by
-    3/128 of the fourth difference. The spline of a replay is better in waves, and no better in corners.
+    There the error of a cubic through four samples, half-way between two of them, exceeds the ``noise`` of the sensor:
+    it is 3/128 of the fourth difference. The spline of a replay is better for waves, and no better for steps.
     """
     fourth = np.pad(np.abs(np.diff(acceleration, 4)), 2, mode="edge")
     return np.asarray(maximum_filter1d(fourth, 2 * _REACH + 1, mode="nearest") > _CUBIC * noise)
 
 
 def without_lag(values: Array, lag: float, step: float) -> Array:
-    """Return x = y + τ dy/dt, what a sensor of first-order ``lag`` τ (s) measured, from its smooth signal y (n,)."""
+    """Return x = y + τ dy/dt, the input of a sensor with first-order ``lag`` τ (s), from its smooth output y (n,)."""
     time = step * np.arange(len(values))
     return values + lag * CubicSpline(time, values)(time, 1)
 
@@ -232,9 +231,9 @@ def with_lag(values: Array, lag: float, step: float) -> Array:
 
 
 def _is_pure_noise(seen: Array, noise: float) -> bool:
-    """Return whether samples (n,) in a row scatter like noise and nothing else: their means as √m less than they do.
+    """Return whether samples (n,) in a row are pure noise: the scatter of means of m samples falls with √m.
 
-    Rounding that is coarser than the noise scatters up to twice as much as both together should.
+    The scatter of rounding that is coarser than the noise may be up to twice the sum of both.
     """
     power = float(np.var(seen))
     if power > (2.0 * noise) ** 2:
@@ -259,7 +258,7 @@ def _whittaker(values: Array, known: NDArray[np.bool_], ratio: Array) -> Array:
 
 
 def binned(times: Array, values: Array, edges: Array) -> tuple[Array, Array]:
-    """How many (n,) of some samples (m,), in order of time, lie between edges (n + 1,), and their sum (n,)."""
+    """Return how many of sorted samples (m,) lie between edges (n + 1,), and their sum, both (n,)."""
     places = np.searchsorted(times, edges)
     count = np.diff(places).astype(np.float64)
     sums = np.add.reduceat(np.append(values[: places[-1]], 0.0), places[:-1])
@@ -267,9 +266,10 @@ def binned(times: Array, values: Array, edges: Array) -> tuple[Array, Array]:
 
 
 def scatter(count: Array, total: Array, squares: Array, width: int) -> Array:
-    """Return the standard deviation (n,) of all samples in so many steps around each step; 0 where there are none.
+    """Return the standard deviation (n,) of all samples within ``width`` steps around each step; 0 without samples.
 
-    Each step (n,) has a count of samples, their sum and the sum of their squares, best from near their mean.
+    The inputs are the number of samples in each step (n,), their sum and the sum of their squares, best after
+    subtraction of the mean.
     """
     window = np.ones(width)
     count, total, squares = (

@@ -1,4 +1,4 @@
-"""A simulator of the user's own, named as ``package.module:factory``, as a system that files can be mapped to."""
+"""A user's own simulator, named as ``package.module:factory``, as a system for mapped files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from diagnosis.systems.system import System, SystemSignal
 
 @runtime_checkable
 class DrivenSimulator(Simulator, Protocol):
-    """A simulator that states what drives it: the names of its inputs with their SI units."""
+    """A simulator that declares its inputs, with their SI units."""
 
     @property
     def inputs(self) -> Mapping[str, str]: ...
@@ -28,11 +28,11 @@ _RIGHT: Final = 'write it as "my_oscillator:Oscillator", for a class in the file
 
 
 def load_system(name: str, folder: Path) -> System:
-    """Return the system that a factory makes; its module may lie in ``folder``.
+    """Return the system that a factory makes; its module may be in ``folder``.
 
-    The factory is a class or function without arguments. It returns a `System`, or a simulator with ``inputs``, whose
-    pressures are taken as gauge pressures and whose settings are its own. Inputs that its ``held`` names, if it has
-    one, keep their values between samples. DiagnosisError states what is not there.
+    The factory is a class or function without arguments. It returns a `System`, or a simulator with ``inputs``.
+    Pressures of such a simulator are gauge pressures, and its settings are its own. Inputs in its optional ``held``
+    keep their values between samples. DiagnosisError states what is missing.
     """
     module_name, _, attribute = name.partition(":")
     if not module_name or not attribute:

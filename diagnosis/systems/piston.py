@@ -1,10 +1,10 @@
-"""A pneumatic actuator on a test bench: the force that holds its piston, from the pressure and the motion measured.
+"""A pneumatic actuator on a test bench: the force that holds its piston, from measured pressure and motion.
 
     F = A·p + b,   A = (1 + a)·π/4·D²
 
-p is the gauge pressure, b the zero of the force. Only A·p counts: a wrong bore, a wrong gain of either sensor and
-friction that differs between the two directions in proportion to p are one and the same number a, as the zero of the
-pressure, a weight and a constant difference between the directions are one with b.
+p is the gauge pressure, b the zero of the force. The number a includes a wrong bore, a wrong gain of either sensor and
+friction in proportion to p that differs between the two directions. The number b includes the zero of the pressure, a
+weight, and a constant difference between the directions.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ def _surfaces(low: float, high: float) -> tuple[TensorSplines, ...]:
 
 
 def lagged(signal: Array, lag: float, step: float) -> Array:
-    """Return ``signal`` (n,) behind a first-order lag in s, exact for straight lines between samples.
+    """Return ``signal`` (n,) after a first-order lag in s, exact for linear interpolation between samples.
 
     It starts settled, and is linear in the lag at 0, where exp(−step/lag) alone would have no slope.
     """

@@ -1,8 +1,8 @@
-"""What a pneumatic actuator can have together with F = p·A: friction of its seal, an uneven bore, lags, its drive.
+"""The effects of a pneumatic actuator in addition to F = p·A: friction of its seal, an uneven bore, lags, its drive.
 
-x is the displacement that compresses the gas, v its speed, p the gauge pressure, F the force that holds the piston.
-α, between −1 and 1, is the normalised friction state of Berg: it has the sign of the motion, and after a reversal it
-turns over a presliding displacement x_2.
+x is the displacement that compresses the gas, v its speed, p the gauge pressure, F the force that holds the piston. α,
+between −1 and 1, is the normalised friction state of Berg: it has the sign of the motion, and changes after a reversal
+over a presliding displacement x_2.
 """
 
 from __future__ import annotations
@@ -270,7 +270,7 @@ PISTON_EFFECTS: Final[Mapping[str, Hypothesis]] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stroke:
-    """What the force terms act on; arrays (n,) in SI, ``area`` in m²."""
+    """The inputs of the force terms: arrays (n,) in SI, ``area`` in m²."""
 
     x: Array
     v: Array
@@ -280,11 +280,11 @@ class Stroke:
     area: float
 
     def direction(self) -> Array:
-        """The sign of the motion, kept while it rests."""
+        """Return the sign of the motion, which is kept at rest."""
         return friction_state(self.x, SHARP)
 
     def seal(self, values: Mapping[str, float]) -> Array:
-        """The friction of a seal under pressure, in N."""
+        """Return the friction of a seal under pressure, in N."""
         return values["force_at_4_bar"] * (
             1.0 + values["pressure_share"] * (self.p / REFERENCE_PRESSURE - 1.0)
         )

@@ -1,7 +1,8 @@
-"""Records of the bench as measured runs: every phase named ``replay …`` of a plan is one.
+"""Records of the bench as measured runs: every phase of a plan with a name ``replay …`` is one run.
 
-Phases inside of a run: up to the end of ``condition …`` nothing is scored, for it makes the rubber forget earlier
-motions; in ``rest`` nothing moves. Which valves were open follows from the settings that the record keeps as events.
+Phases inside of a run: samples up to the end of ``condition …`` are not scored, because this motion removes the
+rubber's memory of earlier motions. In ``rest`` nothing moves. The state of the valves follows from the settings in the
+events of the record.
 """
 
 from __future__ import annotations
@@ -55,15 +56,15 @@ _FIRST: Final = 1.0
 
 
 def read_records(directories: Sequence[Path], simulator: AirSpring) -> Dataset:
-    """Return every run in records of the bench, as `dataset_of`. Raises RecordError where one is none."""
+    """Return every run in records of the bench, see `dataset_of`. Raises RecordError for other directories."""
     return dataset_of(directories, [read(directory) for directory in directories], simulator)
 
 
 def dataset_of(directories: Sequence[Path], records: Sequence[Record], simulator: AirSpring) -> Dataset:
-    """Return every run in ``records`` of these directories, in SI on the grid of their samples; all of role ``fit``.
+    """Return every run in ``records`` of these directories, in SI on the grid of their samples; all with role ``fit``.
 
-    What other plans shook, such as `aw0`, is next to them.
-    Raises DiagnosisError where a record holds nothing to be replayed.
+    Vertical sines of other plans, such as `aw0`, are in ``beside``. Raises DiagnosisError if a record has nothing to
+    replay.
     """
     digest = hashlib.sha256()
     runs: list[tuple[Path, MeasuredRun]] = []
@@ -110,11 +111,10 @@ def run_between(
     counts_from: float | None = None,
     gas: Mapping[str, float] | None = None,
 ) -> tuple[tuple[Channel, ...], MeasuredRun]:
-    """Return what a record holds between two times (s) as its own run, and its channels as they were read.
+    """Return the part of a record between two times (s) as a run, and its channels with the resolution of the readings.
 
-    No one needs to have named it, and what conditions the springs counts like the rest of it. It begins at rest, unless
-    a user knows the ``gas`` there (readings by signal, SI); ``counts_from`` s on its readings count.
-    DiagnosisError where it cannot be replayed.
+    No phase name is needed, and conditioning motions count too. The part begins at rest, unless the ``gas`` is given
+    (readings by signal, SI). Readings count from ``counts_from`` s on. Raises DiagnosisError if it cannot be replayed.
     """
     channels = _as_read(simulator.channels, [record])
     stretch = Phase(f"{start:.1f} to {end:.1f} s", start, end)
@@ -128,7 +128,7 @@ def _phases(record: Record) -> Iterable[Phase]:
 
 
 def _sines(record: Record) -> Phase | None:
-    """Return the stretch of a plan in which it shakes the springs vertically at known frequencies; None if none does.
+    """Return the part of a plan with vertical sines of known frequency; None without any.
 
     It begins with the rest before the first vertical motion.
     """
@@ -140,7 +140,7 @@ def _sines(record: Record) -> Phase | None:
 
 
 def _with_unique_names(runs: Sequence[tuple[Path, MeasuredRun]]) -> Iterable[MeasuredRun]:
-    """Add the path of their record to the names of runs that several records of one plan share."""
+    """Add the path of the record to the names of runs that several records of one plan share."""
     count = Counter(run.experiment.name for _, run in runs)
     for directory, run in runs:
         name = run.experiment.name
@@ -152,9 +152,9 @@ def _with_unique_names(runs: Sequence[tuple[Path, MeasuredRun]]) -> Iterable[Mea
 
 
 def _as_read(channels: Sequence[Channel], records: Sequence[Record]) -> tuple[Channel, ...]:
-    """Return the channels with the resolution that their readings show, where that is coarse and the data sheet finer.
+    """Return the channels with the resolution of their readings, if that is coarser than the data sheet.
 
-    A converter of fewer bits than was assumed does not say so, but no two readings are nearer together than its step.
+    A converter with fewer bits than assumed shows only in the smallest difference between readings.
     """
     found = []
     for channel in channels:
@@ -168,7 +168,7 @@ def _as_read(channels: Sequence[Channel], records: Sequence[Record]) -> tuple[Ch
 
 
 def _twice_rounded(record: Record, simulator: AirSpring) -> dict[str, TwiceRounded]:
-    """Return which channels were rounded by their converter and, to a grid that it does not share, by the wire."""
+    """Return the channels that were rounded by their converter, and again to another grid by the bus."""
     found = {}
     for channel in simulator.channels:
         converter = float(simulator.parameters.record.sensor_resolution[OUTPUTS[channel.name]])
@@ -233,7 +233,9 @@ def _outputs(
     channels: Sequence[Channel],
     twice: Mapping[str, TwiceRounded],
 ) -> Array:
-    """The channels (n, c); actuator forces are NaN where the acceleration of the bolster is not known well enough."""
+    """Return the channels (n, c). Actuator forces are NaN where the acceleration of the bolster is not known well
+    enough.
+    """
     par = simulator.parameters.record
     outputs = np.column_stack([_sampled(record, channel.name, grid) for channel in simulator.channels])
     unknown = undetermined_forces(inputs, par, _lateral_acceleration_is_unknown(record, grid, inputs, par))
@@ -252,9 +254,10 @@ def _outputs(
 def _without_frame_dampers(
     outputs: Array, record: Record, grid: Array, settings: SettingsOfRecord, simulator: AirSpring
 ) -> None:
-    """Let held vertical pistons read (n, c) what a replay has them read: the give F/k of their frames, not behind c.
+    """Correct readings (n, c) of held vertical pistons to those of a replay: deflection F/k of their frames, without
+    damping c.
 
-    With c, 20 kN at 12.5 Hz give way by 8 µm a quarter of a wave later.
+    With c, 20 kN at 12.5 Hz deflect the frame by an additional 8 µm, a quarter of a wave later.
     """
     par = simulator.parameters.record
     held = settings.where("vertical.control", "displacement", grid)
@@ -271,10 +274,9 @@ def _without_frame_dampers(
 def _lateral_acceleration_is_unknown(
     record: Record, grid: Array, inputs: Mapping[str, Array], par: Any
 ) -> NDArray[np.bool_] | None:
-    """Return where (n,) the accelerometer does not show how the bolster is accelerated; None where it never does.
+    """Return where (n,) the accelerometer does not show the acceleration of the bolster; None if it never does.
 
-    In its gaps the acceleration is unknown. An accelerometer with nothing but noise may be dead, while the bolster
-    moves.
+    The acceleration is unknown in gaps. An accelerometer that reads only noise may have failed while the bolster moves.
     """
     name = "lateral.acceleration"
     if name not in inputs:
@@ -287,7 +289,7 @@ def _lateral_acceleration_is_unknown(
 
 
 def _grid(record: Record, phase: Phase) -> Array:
-    """Equidistant times (n,) of the samples of a phase, without the jitter of their stamps."""
+    """Return equidistant times (n,) of the samples of a phase, without the jitter of their stamps."""
     times, _ = record.series("left.height")
     times = times[(times >= phase.start) & (times < phase.end)]
     if len(times) < 2:
@@ -299,13 +301,13 @@ def _grid(record: Record, phase: Phase) -> Array:
 
 
 def _switched_on(record: Record, time: float) -> float:
-    """How long the bench had been on at a ``time`` of the record (s), by its own count of ticks."""
+    """Return how long (s) the bench had been on at a ``time`` of the record (s), from its tick counter."""
     times, ticks = record.series("rig.tick") if "rig.tick" in record.signals else (np.empty(0), np.empty(0))
     return time + (float(np.median(ticks * TICK - times)) if len(times) else 0.0)
 
 
 def _sampled(record: Record, name: str, grid: Array) -> Array:
-    """The samples of a signal at their places on the grid, NaN where there is none."""
+    """Return the samples of a signal on the grid, NaN without a sample."""
     result = np.full(len(grid), np.nan)
     if name in record.signals:
         times, values = record.series(name)
@@ -316,7 +318,7 @@ def _sampled(record: Record, name: str, grid: Array) -> Array:
 
 
 def _interpolated(values: Array, parameters: Parameters) -> Array:
-    """A slow signal (n,) on straight lines between its samples; the pressure of the set where there is none."""
+    """Return a slow signal (n,) interpolated between its samples; without any, the supply pressure of the set."""
     known = np.isfinite(values)
     if not known.any():
         return np.full(len(values), float(parameters.record.supply_pressure))
@@ -327,9 +329,10 @@ def _interpolated(values: Array, parameters: Parameters) -> Array:
 def _beginning(
     record: Record, grid: Array, rest: NDArray[np.bool_], parameters: Parameters
 ) -> dict[str, float]:
-    """Pressures and temperatures of the gas at the first sample, from what sensors read in the first rest.
+    """Return pressures and temperatures of the gas at the first sample, from readings in the first rest.
 
-    Gas may still cool: the line through the readings is followed back, and ahead by the lag of the sensor.
+    The gas may still cool, so the line through the readings is extrapolated back to the start, and ahead by the sensor
+    lag.
     """
     still = int(np.argmin(rest)) if rest[0] and not rest.all() else len(grid)
     first = slice(0, max(min(still, round(_FIRST / STEP)), 2))
@@ -346,7 +349,7 @@ def _beginning(
 
 
 class SettingsOfRecord:
-    """The settings of a record, each with the time from which it was in force."""
+    """The settings of a record, each with the time from which on it was in force."""
 
     def __init__(self, record: Record) -> None:
         self._changes: dict[str, list[tuple[float, Any]]] = {}
@@ -356,14 +359,14 @@ class SettingsOfRecord:
                     self._changes.setdefault(name, []).append((record.time_of(event), value))
 
     def _over(self, name: str, grid: Array, default: Any) -> list[Any]:
-        """What a setting was at each time of the grid."""
+        """Return the value of a setting at each time of the grid."""
         changes = self._changes.get(name, [])
         times = np.array([time for time, _ in changes])
         values = [default, *(value for _, value in changes)]
         return [values[k] for k in np.searchsorted(times, grid, side="right")]
 
     def where(self, name: str, word: str, grid: Array, default: Any = None) -> Array:
-        """Return 1 where a setting was ``word`` (n,), else 0; before it was made it was the ``default``."""
+        """Return 1 where a setting was ``word`` (n,), else 0; ``default`` is its value before the first change."""
         return np.array([float(value == word) for value in self._over(name, grid, default)])
 
     def valves(self, grid: Array) -> dict[str, Array]:
@@ -375,9 +378,9 @@ class SettingsOfRecord:
         }
 
     def preload(self, times: Array) -> Array:
-        """Return for what load (N per spring) the springs were shimmed at each time (n,); 0 if not recorded.
+        """Return the load (N per spring) of the shims at each time (n,); 0 if not recorded.
 
-        Before the first recorded value, this value is used.
+        The first recorded value also applies before its time.
         """
         name = "rig.nominal_preload"
         first = self._changes.get(name, [(0.0, 0.0)])[0][1]
@@ -399,12 +402,12 @@ class SettingsOfRecord:
         return found
 
     def predictable(self, grid: Array) -> NDArray[np.bool_]:
-        """Return from the start on where (n,) the air is known, without what follows where it is not."""
+        """Return where (n,) the air has been known since the start without interruption."""
         known: NDArray[np.bool_] = np.logical_and.accumulate(self.air_known(grid))
         return known
 
     def air_known(self, grid: Array) -> NDArray[np.bool_]:
-        """Return where (n,) no service valve was open: their opening is on no wire."""
+        """Return where (n,) no service valve was open. The bus does not report how far they open."""
         unknown = np.zeros(len(grid), np.bool_)
         for side in SIDES:
             unknown |= np.isin(self._over(f"air.{side}_mode", grid, "hold"), AIR_MODES[2:])

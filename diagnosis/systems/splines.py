@@ -1,6 +1,6 @@
 """A smooth surface over two states, as a tensor product of B-splines: the form of an unknown term.
 
-`TensorSplines.value` is for states known before the simulation; inside of it, `spline_value` reads the `table`.
+`TensorSplines.value` is for states known before the simulation; during a simulation, `spline_value` reads the `table`.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from diagnosis.contracts import Array, Parameter, Surface
 
 @dataclass(frozen=True, slots=True)
 class SplineAxis:
-    """One state: its name, a title with the unit that people read (``scale`` SI), and equidistant knots in SI.
+    """One state: its name, a title with the display unit (``scale`` SI), and equidistant knots in SI.
 
-    Of a state that is asinh(x/x₀) the title names x, and ``compressed_from`` is x₀ (SI).
+    If the state is asinh(x/x₀), the title names x, and ``compressed_from`` is x₀ (SI).
     """
 
     state: str
@@ -31,13 +31,13 @@ class SplineAxis:
 
     @property
     def shown_centres(self) -> Array:
-        """Where the B-splines are largest, in the unit of the title."""
+        """The places of the maxima of the B-splines, in the unit of the title."""
         x_0 = self.compressed_from
         return (x_0 * np.sinh(self.centres) if x_0 else self.centres) / self.scale
 
     @property
     def centres(self) -> Array:
-        """Where the B-splines are largest (knots + 1,), inside of the knots."""
+        """The places of the maxima of the B-splines (knots + 1,), inside of the knots."""
         low, high = self.knots[0], self.knots[-1]
         between = np.arange(len(self.knots) + 1) - 0.5
         return np.clip(low + (self.knots[1] - low) * between, low, high)
@@ -62,7 +62,7 @@ class SplineTable(NamedTuple):
 
 @compiled
 def _weights(x: float, low: float, spacing: float, intervals: int) -> tuple[int, float, float, float]:
-    """First index and values of the three quadratic B-splines that are not 0 at ``x``."""
+    """Return the first index and the values of the three quadratic B-splines that are not 0 at ``x``."""
     u = min(max((x - low) / spacing, 0.0), float(intervals))
     i = min(int(u), intervals - 1)
     t = u - i
@@ -102,7 +102,7 @@ class TensorSplines:
 
     @property
     def surface(self) -> Surface:
-        """The surface as the engine knows it."""
+        """The surface in the form of the engine."""
         axes = (self.first, self.second)
         sizes = [range(len(axis.knots) + 1) for axis in axes]
         coefficients = tuple(
@@ -114,17 +114,17 @@ class TensorSplines:
         return Surface(self.name, self.title, titles, coefficients, self.touches, centres)
 
     def value(self, states: Mapping[str, Array], coefficients: Mapping[str, float]) -> Array:
-        """Return the surface (n,) along the ``states`` (n,); a coefficient that is missing is 0."""
+        """Return the surface (n,) along the ``states`` (n,); a missing coefficient is 0."""
         rows, columns = (axis.basis(states[axis.state]) for axis in (self.first, self.second))
         return np.sum((rows @ self._grid(coefficients)) * columns, axis=1)
 
     def table(self, coefficients: Mapping[str, float] | None) -> SplineTable:
-        """Return the surface as `spline_value` takes it; None: it is missing."""
+        """Return the surface in the form of `spline_value`; None: it is missing."""
         grid = np.zeros((0, len(self.second.knots) + 1)) if coefficients is None else self._grid(coefficients)
         (x, to_x), (y, to_y) = self.first.knots[:2], self.second.knots[:2]
         return SplineTable(float(x), float(to_x - x), float(y), float(to_y - y), grid)
 
     def _grid(self, coefficients: Mapping[str, float]) -> Array:
-        """Return the coefficients (rows, columns); what is missing is 0."""
+        """Return the coefficients (rows, columns); missing ones are 0."""
         rows, columns = (range(len(axis.knots) + 1) for axis in (self.first, self.second))
         return np.array([[coefficients.get(f"c_{i}_{j}", 0.0) for j in columns] for i in rows])

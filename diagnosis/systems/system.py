@@ -1,4 +1,4 @@
-"""A system that files of any origin can be mapped to: the signals and settings that it takes, and its simulator."""
+"""A system for mapped files: its signals, its settings, and its simulator."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class SystemSignal:
 
 @dataclass(frozen=True, slots=True)
 class SystemSetting:
-    """A constant of the user's rig, such as the bore; without ``default`` (SI) the map must give it."""
+    """A constant of the user's rig, such as the bore. Without ``default`` (SI) the map must state it."""
 
     name: str
     unit: str  #: SI
@@ -57,7 +57,9 @@ class SystemSetting:
 
 @dataclass(frozen=True, slots=True)
 class System:
-    """What can be diagnosed from mapped files: what it needs, and how its simulator and its inputs are made."""
+    """A system that can be diagnosed from mapped files: its signals and settings, and how its simulator and inputs are
+    made.
+    """
 
     name: str
     title: str
@@ -106,7 +108,7 @@ class Errors:
 
     @contextmanager
     def noted(self) -> Iterator[None]:
-        """Note an error and go on behind the block."""
+        """Store an error and continue after the block."""
         try:
             yield
         except DiagnosisError as error:
@@ -123,16 +125,16 @@ class Errors:
 
 
 def unit_of(text: str, units: Mapping[str, Unit]) -> ReadUnit:
-    """Return the unit that a text names: one of ``units``, or in any usual spelling. UnknownUnit for none."""
+    """Return the unit with this name, from ``units`` or in any usual spelling. Raises UnknownUnit."""
     return ReadUnit(units[text]) if text in units else read_unit(text)
 
 
 def conversion(
     unit: str, si: str, where: str, units: Mapping[str, Unit] = UNITS, *, relative: bool = False
 ) -> tuple[float, float]:
-    """Return (factor, zero) with SI = factor·value + zero, of a difference (``relative``) without zero.
+    """Return (factor, zero) with SI = factor·value + zero; for a difference (``relative``) the zero is 0.
 
-    DiagnosisError if ``unit`` is no unit of ``si``.
+    DiagnosisError if ``unit`` is not a unit of the quantity ``si``.
     """
     if unit == si:
         return 1.0, 0.0
@@ -154,7 +156,9 @@ def _known(si: str, units: Mapping[str, Unit]) -> str:
 def quantity(
     text: str, si: str, where: str, units: Mapping[str, Unit] = UNITS, *, relative: bool = False
 ) -> float:
-    """Return "25 mm" in SI, as `conversion` does; DiagnosisError names ``where`` it stands and what would be right."""
+    """Return a quantity such as "25 mm" in SI, see `conversion`. DiagnosisError names the place (``where``) and correct
+    form.
+    """
     number, _, unit = text.strip().partition(" ")
     try:
         value = float(number)
@@ -169,7 +173,7 @@ def quantity(
 
 
 def difference(text: str, si: str, where: str, units: Mapping[str, Unit] = UNITS) -> float:
-    """As `quantity`, for what is a difference or a width: 1 degC is 1 K."""
+    """Return a difference or a width in SI, see `quantity`: 1 degC is 1 K."""
     return quantity(text, si, where, units, relative=True)
 
 

@@ -1,18 +1,18 @@
-"""What readings say that were rounded twice: by their converter, and more coarsely by what travels on the wire.
+"""Correction of readings that were rounded twice: by their converter, and more coarsely by the bus.
 
 Theory of operation
 -------------------
-Noise moves a reading about between the steps of one rounding, and their mean is right to a millionth where the noise is
-as large as the steps. Two roundings beat. Of steps of 25 N over a converter of 8 N, one code in eight represents four
-numbers of the converter and the others for three: the mean is up to 2.5 N wrong, the same as long as the force stays
-within some 50 N of where it is. In a rest of eight seconds that is five times what the noise leaves.
+With one rounding and noise as large as the steps, the mean of the readings is exact to 1 in 1 000 000. With two
+roundings it is not. With steps of 25 N on the bus and 8 N of the converter, one code in eight represents four numbers
+of the converter and the others three. The error of the mean is up to 2.5 N, and constant while the force changes by
+less than about 50 N. For a rest of eight seconds this is five times the error by noise.
 
-So each code gets the number for which the mean is right at every force: with P(k|F), the chance of code k at the force
-F, and b(F), what the mean of the codes is wrong by, Σ_k P(k|F) c_k = b(F) is solved for the corrections c. Codes repeat
-where both grids meet.
+So each code gets a correction that makes the mean exact at every force: with P(k|F), the probability of code k at the
+force F, and b(F), the error of the mean of the codes, Σ_k P(k|F) c_k = b(F) is solved for the corrections c. The
+corrections repeat with the common period of both grids.
 
-The converter's step comes from a data sheet. The readings may say that it is another: the codes that represent more
-numbers are met more often where the signal moves (the histogram test of a converter, IEEE 1241).
+The converter's step comes from a data sheet. Readings can contradict it: codes that represent more numbers occur more
+often while the signal moves (the histogram test of a converter, IEEE 1241).
 """
 
 from dataclasses import dataclass
@@ -42,28 +42,30 @@ _SIGNALS, _REACH = 8, 6.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TwiceRounded:
-    """Steps of the ``wire`` and what the mean of each code is wrong by: ``corrections`` (k,), which repeat."""
+    """Step of the bus (``wire``), and the error of the mean of each code: ``corrections`` (k,), repeated
+    periodically.
+    """
 
     wire: float
     corrections: Array
 
     def rounded_once(self, readings: Array) -> Array:
-        """Return readings (n,) whose mean is right; NaN stays NaN."""
+        """Return readings (n,) with a correct mean; NaN stays NaN."""
         code = np.round(np.nan_to_num(readings) / self.wire).astype(np.int64)
         return np.asarray(readings - self.corrections[code % len(self.corrections)])
 
 
 def rounded_to(values: Array) -> float:
-    """Return the smallest difference between readings (n,); 0 where they are all the same."""
+    """Return the smallest difference between readings (n,); 0 if they are all equal."""
     apart = np.diff(np.unique(values[np.isfinite(values)]))
     return float(apart.min()) if apart.size else 0.0
 
 
 def twice_rounded(readings: Array, converter: float, noise: float) -> TwiceRounded | None:
-    """Return how a signal with these readings (n,) of equal intervals was rounded twice; None if it was not.
+    """Return the correction for readings (n,) that were rounded twice; None if they were not.
 
-    ``converter`` is the finer step, ``noise`` the standard deviation before both. None as well where the noise is too
-    small for the mean to be of use, and where the readings contradict it.
+    ``converter`` is the finer step, ``noise`` the standard deviation before both. None also if the noise is too small
+    for a useful mean, or if the readings contradict the step.
     """
     readings = readings[np.isfinite(readings)]
     wire = rounded_to(readings)
@@ -80,9 +82,9 @@ def twice_rounded(readings: Array, converter: float, noise: float) -> TwiceRound
 
 
 def _codes(converter: float, wire: float) -> int:
-    """After how many codes both grids meet; 1 where one is in the other, and where they do not meet soon.
+    """Return the common period of both grids in codes; 1 if one grid contains the other, or if the period is too long.
 
-    Also where numbers of the converter lie half-way between two codes: which of them they get no one knows.
+    1 also if numbers of the converter lie half-way between two codes, because their rounding is unknown.
     """
     if not 0.0 < converter < wire:
         return 1
@@ -92,7 +94,7 @@ def _codes(converter: float, wire: float) -> int:
 
 
 def _chances(converter: float, wire: float, noise: float, codes: int) -> tuple[Array, Array]:
-    """Return the chance of each code (f, codes) at signals (f,) over one period, and what their mean is wrong by."""
+    """Return the probability of each code (f, codes) at signals (f,) over one period, and the error of their mean."""
     signal = wire * np.arange(codes * _SIGNALS) / _SIGNALS
     reach = _REACH * noise + wire
     number = np.arange(np.floor(-reach / converter), np.ceil((codes * wire + reach) / converter) + 1)

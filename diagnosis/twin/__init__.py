@@ -1,1 +1,1 @@
-"""The twin: the model runs together with a run, and says while it goes on that they deviate, where, and since when."""
+"""The twin: the model runs during a run of the rig, and reports when, where and since when the two deviate."""

@@ -1,7 +1,7 @@
 """State of the gas in the middle of a motion, from the replay of the stretch before.
 
-There a pressure reading is of little use without a temperature, and thermometers lag by a second. Gas that is
-compressed and expanded is some kelvins warmer or colder than their readings.
+There a pressure reading is not sufficient without a temperature, and thermometers lag by a second. The gas is some
+kelvins warmer or colder than their readings while it is compressed or expanded.
 """
 
 from typing import Final, NamedTuple
@@ -20,14 +20,14 @@ _TO_AND_FRO: Final = 4.0
 
 
 class Carried(NamedTuple):
-    """The settings of the gas (SI), and their sample in the stretch before."""
+    """The settings of the gas (SI), and the sample in the stretch before at which they hold."""
 
     sample: int
     gas: dict[str, float]
 
 
 class GasOf:
-    """Replays of a bench with ``parameters`` for nothing but its gas."""
+    """Replays of a bench with ``parameters`` for the state of its gas only."""
 
     def __init__(self, parameters: Parameters) -> None:
         self._simulator = AirSpring(parameters, effects={}, only=GAS)
@@ -39,9 +39,9 @@ class GasOf:
     def carried(
         self, run: MeasuredRun, parameters: tuple[Nuisance, ...], belief: Belief, before: float
     ) -> Carried:
-        """Return the gas at a turning point of the pressures not later than ``before`` s of a run that was judged.
+        """Return the gas at a turning point of the pressures, at ``before`` s or earlier, in a run that was judged.
 
-        ``belief`` is the estimate of the ``parameters`` by then.
+        ``belief`` is the estimate of the ``parameters`` at this time.
         """
         known = {one.name for one in self._simulator.nuisances}
         believed = {

@@ -1,11 +1,11 @@
-"""Possible causes of a deviation: each cause of the catalogue, by the part of the χ² of a stretch that it explains.
+"""Possible causes of a deviation, ranked by the part of the χ² of a stretch that they explain.
 
 A cause may act from the start of the stretch, or from about the start of the deviation. Its effect is the difference of
-two replays that begin there, with the cause and without. They begin in motion, from a state that is not known well, but
-this state is the same in both.
+two replays that begin there, with and without the cause. The initial state is uncertain because the rig is in motion,
+but it is the same in both.
 
-This search is fast: it is linear in the size of the cause and in all parameters. A diagnosis (`astb diagnose`) is
-slower and more exact. A cause explains a stretch if the twin with this cause does not deviate from the rig
+This search is fast, because it is linear in the size of the cause and in all parameters. A diagnosis (`astb diagnose`)
+is slower and more exact. A cause explains a stretch if the twin with this cause does not deviate from the rig
 (`diagnosis.twin.detector`).
 """
 
@@ -62,9 +62,9 @@ _NEARER: Final = (-8, -5, -3, -2, -1, 0, 1, 2, 3, 5, 8)
 
 
 class Explained(NamedTuple):
-    """What explains a stretch: single causes, or else pairs that do so together; the best first, none if none does.
+    """The causes that explain a stretch, best first: single ones, or else pairs; empty if none does.
 
-    ``worse`` are single ones that explain it, too, but not as much: if they grow on, they may explain more.
+    ``worse`` are single causes that explain it less well. They may explain more if they grow.
     """
 
     singles: tuple[SizedCause, ...] = ()
@@ -80,9 +80,9 @@ def explanations(
     since: float,
     known: Callable[[], Work[Sequence[SizedCause]]],
 ) -> Work[Explained]:
-    """Return the causes that explain a stretch which deviates ``since`` s after its start, in slices.
+    """Return the causes that explain a stretch which deviates ``since`` s after its start, in slices of work.
 
-    ``known`` returns causes that explain a shorter part of the stretch: one of them may still be one of two.
+    ``known`` returns causes that explain a shorter part of the stretch. One of them may still be part of a pair.
     """
     look = _Look(run, columns, belief, simulator, since)
     onsets = (0,) if since < _LATE else (0, round(since / BIN))
@@ -123,7 +123,7 @@ def explanations(
 
 
 def _over(ranked: Sequence[SizedCause]) -> SizedCause:
-    """Return the first of the suspects of one name, with the intervals of all that explain as much."""
+    """Return the first of the suspects with one name, with the intervals of all that explain as much."""
     best = ranked[0]
     possible = [one for one in ranked if one.left <= best.left + POSSIBLE and one.form is best.form]
     return best._replace(
@@ -135,7 +135,7 @@ def _over(ranked: Sequence[SizedCause]) -> SizedCause:
 
 
 class _Tried(NamedTuple):
-    """A cause as it was tried: at one point of its grid, and since which bin (0: before the stretch)."""
+    """A cause as tested: at one point of its grid, from one bin on (0: before the stretch)."""
 
     cause: Hypothesis
     shapes: Mapping[str, float]
@@ -144,7 +144,7 @@ class _Tried(NamedTuple):
 
 
 class _Near(NamedTuple):
-    """A cause that begins near where it was tried: the χ² that it leaves, its bin, what it adds (n, c), and its fit."""
+    """A cause with a start near the tested one: the χ² that it leaves, its bin, its effect (n, c), and its fit."""
 
     left: float
     onset: int
@@ -156,7 +156,9 @@ _NOTHING: Final[Array] = np.empty((0, 0))
 
 
 class _Closely:
-    """A cause that is looked at closely: its present ``size``, where it may begin, what its last round ``found``."""
+    """A cause under refinement: its present ``size``, its possible start bins, the results of its last round
+    (``found``).
+    """
 
     def __init__(self, tried: _Tried, near: set[int]) -> None:
         self.tried, self.near = tried, near
@@ -167,16 +169,16 @@ class _Closely:
 
     @property
     def best(self) -> _Near:
-        """The beginning that explains most."""
+        """The start with the best explanation in the last round."""
         return min(self.found, key=lambda one: one.left)
 
     @property
     def possible(self) -> list[_Near]:
-        """All beginnings of all rounds that explain as much as the best one does."""
+        """All starts of all rounds that explain as much as the best one."""
         return [one for one in self._all if one.left <= self.best.left + POSSIBLE]
 
     def learn(self, near: list[_Near]) -> None:
-        """Use the results of a round: the secant gives the size at which fitted and simulated size are equal."""
+        """Use the results of a round: the secant method gives the size at which fitted and simulated size are equal."""
         if not near:
             self.size = 0.0
             return
@@ -187,7 +189,7 @@ class _Closely:
 
 
 class _Look:
-    """One look at a stretch."""
+    """One search for the causes of a stretch."""
 
     def __init__(
         self, run: MeasuredRun, columns: Columns, belief: Belief, simulator: AirSpring, since: float
@@ -205,7 +207,7 @@ class _Look:
         self.growth = Growth(self._stretch, self._since)
 
     def each(self, onset: int, times: float) -> Work[list[_Tried]]:
-        """Return the effects of all causes at all grid points, at so many times typical sizes, since a bin."""
+        """Return the effects of all causes at all grid points from a start bin on, at ``times`` their typical size."""
         tried: list[_Tried] = []
         sizes = [(cause, shapes, bounded(cause, times * typical(cause))) for cause, shapes in self._points]
         for (cause, shapes), column in zip(self._points, self._replays.columns(sizes, onset), strict=True):
@@ -217,9 +219,9 @@ class _Look:
         return tried
 
     def closely(self, chosen: Sequence[_Tried]) -> Work[list[_Closely]]:
-        """Return causes with the size and start time refined by simulations at that size.
+        """Return causes with size and start time refined by simulations at this size.
 
-        All that may have begun with a bin are simulated together.
+        All causes with the same start bin are simulated together.
         """
         looks = [_Closely(one, self._around(one.onset, _NEAR)) for one in chosen]
         self._shapes |= {one.cause.name: one.shapes for one in reversed(chosen)}
@@ -243,7 +245,7 @@ class _Look:
         return found
 
     def shaped(self, looks: Sequence[_Closely]) -> Work[list[SizedCause]]:
-        """Return causes that explain the stretch as they grow, or are gone again."""
+        """Return causes that explain the stretch if they grow, or if they end."""
         bins = len(self._columns.measured)
         steps: list[dict[int, Array]] = [{} for _ in looks]
         asked = [_asked(look) for look in looks]
@@ -276,7 +278,7 @@ class _Look:
         return found
 
     def _steps(self, look: _Closely) -> Callable[[Sequence[int]], Steps]:
-        """Return what simulates a cause at its present size from bins on."""
+        """Return a function that simulates a cause at its present size from given bins on."""
 
         def steps(bins: Sequence[int]) -> Steps:
             made = {place: next(self._replays.columns([_asked(look)], place)) for place in bins}
@@ -288,18 +290,20 @@ class _Look:
         return self._stretch.agrees(fit.size * column, fit.left)
 
     def acting(self, known: Sequence[SizedCause]) -> list[Acting]:
-        """Return causes as they were known to act before."""
+        """Return causes as they acted in the earlier part of the stretch."""
         causes: dict[str, tuple[Hypothesis, Mapping[str, float]]] = {}
         for cause, point in self._points:
             causes.setdefault(cause.name, (cause, self._shapes.get(cause.name, point)))
         return [Acting(*causes[one.name], one.size, round(one.since / BIN)) for one in known]
 
     def at_present(self, looks: Sequence[_Closely]) -> list[Acting]:
-        """Return causes that were looked at as they would act all at once."""
+        """Return refined causes as steps with their best start."""
         return [Acting(*_asked(one), one.best.onset) for one in looks]
 
     def pairs(self, firsts: Sequence[Acting]) -> Work[tuple[tuple[SizedCause, SizedCause], ...]]:
-        """Return pairs of causes, one of ``firsts`` in each, that explain the stretch together, and the best so."""
+        """Return pairs of causes that explain the stretch together, best first; one of each pair is among
+        ``firsts``.
+        """
         search = Pairs(self._stretch)
         found: list[tuple[SizedCause, SizedCause]] = []
         for first in firsts[:_FIRSTS]:
@@ -326,7 +330,7 @@ class _Look:
             one.learn(near)
 
     def _around(self, onset: int, bins: Sequence[int]) -> set[int]:
-        """Return the bins with which a cause may have begun that was tried with one; 0 is before the stretch."""
+        """Return the possible start bins of a cause tested from ``onset`` on; 0 is before the stretch."""
         last = len(self._columns.measured) - 2 * BINS
         return {one for one in (onset + off for off in bins) if 0 < one <= last} if onset else {0}
 
@@ -344,6 +348,6 @@ class _Look:
 
 
 def _asked(look: _Closely) -> tuple[Hypothesis, Mapping[str, float], float]:
-    """What simulates a cause that was looked at, at the size that it was found to have."""
+    """Return the input of a simulation of a refined cause at its fitted size."""
     tried = look.tried
     return tried.cause, tried.shapes, bounded(tried.cause, look.best.fit.size)

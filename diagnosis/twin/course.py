@@ -1,4 +1,4 @@
-"""The course of a deviation: reported, surer, changed, withdrawn, or over; and the sentence that reports it."""
+"""The course of a deviation: reported, more certain, changed, withdrawn or over; and the sentence that reports it."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -22,7 +22,7 @@ _NONE: Final[Mapping[str, Hypothesis]] = MappingProxyType({})
 
 
 def cause_of(one: SizedCause, hypothesis: Hypothesis, start: float) -> PossibleCause:
-    """Return a suspect of a stretch that began at ``start`` s, in the form for the report."""
+    """Return a suspect of a stretch that began at ``start`` s, in the form of the report."""
     amplitude = hypothesis.amplitude
     roughly = 2.0 * _ROUGHLY * abs(one.size)
     low, high = (
@@ -53,7 +53,7 @@ def withdrawn(deviation: Deviation, at: float) -> Deviation:
 
 
 def over(deviation: Deviation, since: float, at: float) -> Deviation:
-    """Return a deviation that is known at ``at`` s to be over since ``since`` s."""
+    """Return a deviation as over since ``since`` s, as found at ``at`` s."""
     return replace(
         deviation,
         over=since,
@@ -71,7 +71,7 @@ def is_the_same(before: Deviation, now: Deviation) -> bool:
 def joined(all_deviations: tuple[Deviation, ...], found: Deviation | None) -> tuple[Deviation, ...]:
     """Return the deviations of earlier stretches, with a later one appended or merged into the last.
 
-    Before the search for its causes, a lasting deviation is taken for the last one, if that lasts too.
+    Until its causes are searched, a lasting deviation counts as the last one if that is lasting too.
     """
     last = all_deviations[-1] if all_deviations else None
     if found is None:
@@ -101,7 +101,7 @@ def lasting(before: Deviation, now: Deviation, at: float) -> Deviation:
 
 
 def _undoes(before: PossibleCause, causes: tuple[PossibleCause, ...]) -> bool:
-    """Return whether a cause is among ``causes`` that begins to do the opposite of what it did ``before``."""
+    """Return whether one of ``causes`` begins to cancel the cause ``before``."""
     return any(
         one.name == before.name
         and one.since is not None
@@ -146,7 +146,7 @@ def _form(deviation: Deviation, names: frozenset[str]) -> tuple[str, ...]:
 
 
 def _beyond(before: Deviation, now: Deviation, names: frozenset[str]) -> bool:
-    """Return whether a size is outside the interval reported before."""
+    """Return whether a new size is outside the interval reported before."""
     pairs = zip(_members(before, names), _members(now, names), strict=True)
     return any(not old.low <= new.size <= old.high for old, new in pairs)
 
@@ -158,7 +158,7 @@ def _width(deviation: Deviation, names: frozenset[str]) -> float:
 def described(
     deviation: Deviation, channel: Channel, catalogue: Mapping[str, Hypothesis] = _NONE
 ) -> Deviation:
-    """Return a deviation with its summary and its sentence; ``catalogue`` holds the parts to inspect for its causes."""
+    """Return a deviation with its summary and its sentence. ``catalogue`` holds the parts to inspect for its causes."""
     off, scale = deviation.measured - deviation.expected, channel.scale
     unit = channel.display or channel.unit
     places = decimals(-deviation.band / scale, deviation.band / scale)
@@ -180,7 +180,7 @@ def described(
 
 
 def _at(seconds: float) -> str:
-    """Return a time of the run; all times have the same digits, so that those of one event agree."""
+    """Return a time of the run as text. All times have the same digits, so that those of one event agree."""
     return f"{seconds:.1f} s"
 
 
@@ -193,7 +193,7 @@ def _end(deviation: Deviation) -> str:
 
 
 def _since(deviation: Deviation) -> str:
-    """Return since when, with the interval where one is known that is wider than a second."""
+    """Return the start time as text, with its interval if that is wider than one second."""
     if deviation.earliest is None or deviation.latest is None or deviation.latest - deviation.earliest < 1.0:
         return _at(deviation.since)
     return f"{_at(deviation.since)} ({deviation.earliest:.1f} to {_at(deviation.latest)})"
@@ -218,7 +218,7 @@ def _causes(deviation: Deviation) -> tuple[str, str]:
 
 
 def _next(deviation: Deviation, catalogue: Mapping[str, Hypothesis]) -> str:
-    """Return what to inspect and what to run."""
+    """Return what to inspect and which run to do next."""
     if not deviation.lasts:
         return "No inspection is necessary while the rig agrees with its model."
     names = [one.name for one in (*deviation.causes, *(one for pair in deviation.pairs for one in pair))]

@@ -1,18 +1,20 @@
-"""When a rig and its model part: a sequential test whose false alarms are bounded over time, not per look.
+"""Detection of a deviation of rig and model: a sequential test with a limited rate of false alarms over time.
 
 Theory of operation
 -------------------
-While the model holds, the whitened innovations z of a channel (n bins in a block) are standard normal. Against that
-stand alternatives: their mean is δ (√n of it in a block), or their variance is κ². The likelihood ratio of a block,
+While the model is valid, the whitened innovations z of a channel (n bins in a block) are standard normal. The
+alternatives are: their mean is δ (in units of a block mean), or their variance is κ². The likelihood ratio of a block,
 
     L = exp(δ m − δ²/2) with m = Σz/√n,   L = κ⁻ⁿ exp((1 − κ⁻²) Σz²/2)
 
-has mean 1 while the model holds, so M_k = (M_{k−1} + 1) L_k is an e-detector (J. Shin, A. Ramdas, A. Rinaldo,
-E-detectors: a nonparametric framework for sequential change detection, 2023): an alarm at M ≥ A comes after A blocks or
-more on average, however often one looks. The mean over all channels and alternatives is an e-detector as well.
-No single block counts for more than `MOST`, which leaves the mean of L below 1: one odd block is no alarm.
+has mean 1 while the model is valid, so M_k = (M_{k−1} + 1) L_k is an e-detector (J. Shin, A. Ramdas, A. Rinaldo,
+E-detectors: a nonparametric framework for sequential change detection, 2023): on average A blocks or more pass before a
+false alarm at M ≥ A, however often the test is evaluated. The mean over all channels and alternatives is an e-detector
+as well. The contribution of a single block is limited to `MOST`, which keeps the mean of L below 1, so one unusual
+block is no alarm.
 
-The change is taken to have begun where two levels fit the loudest channel best, before and since (D. V. Hinkley, 1970).
+The start of the change is the instant at which two levels, before and after, fit the clearest channel best (D. V.
+Hinkley, 1970).
 """
 
 from __future__ import annotations
@@ -44,20 +46,20 @@ class Alarm(NamedTuple):
 
 
 class Detector:
-    """Carries its evidence from stretch to stretch; a block lasts ``block`` s."""
+    """The sequential test. Its evidence is kept from stretch to stretch; a block lasts ``block`` s."""
 
     def __init__(self, channels: int, block: float) -> None:
         self._evidence = np.full((channels, len(_MEANS) + len(_VARIANCES)), -np.inf)
         self._threshold = np.log(BETWEEN / block)
 
     def copy(self) -> Detector:
-        """Return another one with the same evidence: a stretch that grows is judged again from its start."""
+        """Return a detector with the same evidence, because a growing stretch is judged again from its start."""
         other = object.__new__(Detector)
         other._evidence, other._threshold = self._evidence.copy(), self._threshold
         return other
 
     def look(self, white: NDArray[np.float64]) -> Alarm | None:
-        """Take in blocks (b, c, n) and return the first alarm; NaN stand where nothing was read."""
+        """Process blocks (b, c, n) and return the first alarm; NaN where a channel has no reading."""
         ratios = likelihood_ratios(white)
         for b, ratio in enumerate(ratios):
             self._evidence = np.logaddexp(self._evidence, 0.0) + ratio
@@ -70,7 +72,7 @@ class Detector:
 
 
 def beginning(level: Array) -> int:
-    """Return from which block on ``level`` (b,) is another one; 0 where two levels fit hardly better than one."""
+    """Return the block from which on ``level`` (b,) has changed; 0 if two levels fit hardly better than one."""
     blocks = len(level)
     before, total = np.cumsum(level)[:-1], level.sum()
     k = np.arange(1, blocks)
@@ -79,13 +81,13 @@ def beginning(level: Array) -> int:
 
 
 def _means(white: NDArray[np.float64]) -> Array:
-    """Means (…) over bins (…, n), of variance 1; 0 where nothing was read."""
+    """Return means (…) over bins (…, n), scaled to variance 1; 0 without readings."""
     there = np.isfinite(white)
     return np.asarray(np.where(there, white, 0.0).sum(axis=-1) / np.sqrt(np.maximum(there.sum(axis=-1), 1)))
 
 
 def likelihood_ratios(white: NDArray[np.float64]) -> Array:
-    """Return log L (b, c, a) of blocks (b, c, n) for the a alternatives; 0 where a channel has no reading."""
+    """Return log L (b, c, a) of blocks (b, c, n) for the a alternatives; 0 if a channel has no reading."""
     there = np.isfinite(white)
     count = there.sum(axis=2)
     mean = _means(white)

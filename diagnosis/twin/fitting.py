@@ -1,4 +1,4 @@
-"""Least squares of a stretch by all that is learnt and by what causes add."""
+"""Least squares of a stretch with all estimated parameters and the effects of causes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from diagnosis.twin.innovations import BINS, Belief, Columns, rough
 
 
 class Fitted(NamedTuple):
-    """What least squares say of a column: its size, the standard deviation of that, and the χ² that is left."""
+    """Result of least squares for a column: its size, the standard deviation of the size, and the remaining χ²."""
 
     size: float
     deviation: float
@@ -20,7 +20,7 @@ class Fitted(NamedTuple):
 
 
 class Fit:
-    """Least squares of the errors of a stretch by all parameters with their priors, and by one column more."""
+    """Least squares of the errors of a stretch with all parameters, their priors, and one further column."""
 
     def __init__(self, columns: Columns, belief: Belief) -> None:
         variance = columns.noise / np.maximum(columns.samples, 1) + BINS * rough(columns) ** 2
@@ -36,7 +36,7 @@ class Fit:
         self._chi2 = float(e @ self._pull)
 
     def with_(self, column: Array, typical: float) -> Fitted:
-        """Return what a ``column`` (n, c) explains; nothing of what would not even be seen at its typical size."""
+        """Return the fit of a ``column`` (n, c); size 0 if its typical size would not be visible."""
         x = column.reshape(-1)
         imitated = self._weighted @ x
         strength = float(x @ (self._w * x) - imitated @ self._inverse @ imitated)
@@ -46,7 +46,7 @@ class Fit:
         return Fitted(size, strength**-0.5, self._chi2 - size**2 * strength)
 
     def together(self, columns: Sequence[Array]) -> tuple[Fitted, ...]:
-        """Fit several columns (n, c) together; each result holds the χ² that all of them leave."""
+        """Fit several columns (n, c) together; each result has the remaining χ² of all."""
         x = np.stack([column.reshape(-1) for column in columns], axis=1)
         unit = np.sqrt(np.maximum(x.T**2 @ self._w, 1e-300))  # a hole has 1e-6 m² where a force has 1e3 N
         x = x / unit

@@ -1,9 +1,9 @@
 """Time course of a cause: a step, growth, or a limited time; composed of simulated steps.
 
-The effect of a cause is nearly linear in its size. So one that grows is a sum of small ones that begin one after the
-other, and one that ends is one that began minus one that began later. Steps are simulated from a grid of start times;
-between two of them the effect is taken in halves from both, and within the present one from its beginning, so that a
-cause that acts at once (a sensor) is exact, and one that accumulates (a leak) nearly exact.
+The effect of a cause is nearly linear in its size. So a growing cause is a sum of small ones with successive starts,
+and a cause that ends is one minus a later one. Steps are simulated from a grid of start times. Between two grid times
+the effect is the mean of both, and within the present interval it counts from its start. So a cause with an immediate
+effect (a sensor) is exact, and one that accumulates (a leak) nearly exact.
 
 A cause may grow to a size with a nonlinear effect (a chamber that loses four fifths of its volume). Its growth is
 replayed repeatedly. The difference between such a replay and the sum of the steps is added to that sum before the next
@@ -49,20 +49,22 @@ class DeviatingStretch(NamedTuple):
     points: Sequence[tuple[Hypothesis, Mapping[str, float]]]  #: all causes at all points of their grids
 
     def agrees(self, added: Array, left: float) -> bool:
-        """Return whether the rig agrees with the twin plus the effect of causes (n, c), which leave a χ²."""
+        """Return whether the rig agrees with the twin plus the effect ``added`` (n, c) of causes, with the remaining χ²
+        ``left``.
+        """
         if left > _FAR * np.count_nonzero(self.columns.samples):  # clearly deviates
             return False
         return self.alarm_with(added) is None
 
     def alarm_with(self, added: Array) -> Alarm | None:
-        """Return where the rig deviates from the twin to which causes add so much (n, c); None if it does not."""
+        """Return the alarm for the twin plus the effect ``added`` (n, c) of causes; None without a deviation."""
         explained = self.columns._replace(simulated=self.columns.simulated + added)
         white = judge(explained, self.belief, rough(self.columns)).white
         return Detector(white.shape[1], BLOCK).look(white)
 
 
 class Form(StrEnum):
-    """How a cause comes and goes."""
+    """The time course of a cause."""
 
     AT_ONCE = "at once"
     GROWING = "growing"
@@ -70,7 +72,7 @@ class Form(StrEnum):
 
 
 class SizedCause(NamedTuple):
-    """A cause with its size in SI, and the interval of that (k = 2) over all beginnings that are possible."""
+    """A cause with its size in SI, and the interval of the size (k = 2) over all possible starts."""
 
     name: str
     size: float  #: where it grows, the last one
@@ -91,7 +93,7 @@ Steps = Mapping[int, Array]
 
 
 def interval(fits: Iterable[Fitted]) -> tuple[float, float]:
-    """Return the interval (k = 2) of a size over all fits that are possible."""
+    """Return the interval (k = 2) of a size over all possible fits."""
     every = list(fits)
     return (
         min(one.size - 2.0 * one.deviation for one in every),
@@ -100,12 +102,14 @@ def interval(fits: Iterable[Fitted]) -> tuple[float, float]:
 
 
 def share_grown(at: Array | float, begins: float, ends: float) -> Array:
-    """Return the share of its last size that something has ``at`` bins which grows evenly from one to another."""
+    """Return the share (0 to 1) at bins ``at`` of a linear growth from ``begins`` to ``ends``."""
     return np.asarray(np.clip((np.asarray(at) - begins) / (ends - begins), 0.0, 1.0))
 
 
 def growing(steps: Steps, begins: float, ends: float) -> Array:
-    """Return what a cause does (n, c) that grows evenly from bin ``begins`` to ``ends``, per unit of its last size."""
+    """Return the effect (n, c), per unit of final size, of a cause that grows linearly from bin ``begins`` to
+    ``ends``.
+    """
     places = sorted(steps)
     bins = np.arange(len(steps[places[0]]), dtype=np.float64) + 0.5
 
@@ -128,7 +132,7 @@ def growing(steps: Steps, begins: float, ends: float) -> Array:
 
 
 class Shaped(NamedTuple):
-    """A form that was tried: from which bin on, until which, what it adds, and its fit."""
+    """A tested form: its first and last bin, its effect, and its fit."""
 
     begins: int
     ends: int
@@ -137,15 +141,15 @@ class Shaped(NamedTuple):
 
 
 def places(since: int, bins: int) -> list[int]:
-    """Return the bins in which steps begin for the time courses in a stretch of ``bins`` that deviates in ``since``."""
+    """Return the start bins of the steps for a stretch of ``bins`` that deviates since bin ``since``."""
     first = max(since - _BEFORE, BINS)
     return sorted({int(one) for one in np.linspace(first, bins - 2 * BINS, _PLACES)})
 
 
 class Forms:
-    """The forms that one ``cause`` may have in a stretch of ``bins``.
+    """The possible forms of one ``cause`` in a stretch of ``bins``.
 
-    ``steps`` are what it does from each of `places` on; ``steps_at`` simulates it from others on.
+    ``steps`` are its effects from each of `places` on; ``steps_at`` simulates it from other bins on.
     """
 
     def __init__(
@@ -162,9 +166,9 @@ class Forms:
         self._more: Array | float = 0.0  # what a form that grows does per unit and is no sum of steps
 
     def grown(self, begins: int, ends: int, size: float, added: Array) -> Shaped:
-        """Return the form that grows to a ``size`` as a replay has ``added`` it (n, c).
+        """Return the growing form for a replay that ``added`` (n, c) at ``size``.
 
-        What that does more than steps do is what all forms near it do from now on.
+        The difference between the replay and the steps is used for all similar forms from now on.
         """
         made = added / size
         self._more = made - growing(self._steps, begins, ends)
@@ -172,13 +176,13 @@ class Forms:
         return Shaped(begins, ends, made, self._fit.with_(made, typical(self._cause)))
 
     def coarse(self, form: Form) -> list[Shaped]:
-        """Return the form with all beginnings and ends among the places."""
+        """Return fits of a form for all starts and ends on the grid of places."""
         at = [place for place in sorted(self._steps) if place or form is Form.GONE]
         tried = (self._shaped(form, a, b) for i, a in enumerate(at) for b in (*at[i + 1 :], self._last))
         return [one for one in tried if one]
 
     def best(self, form: Form, tried: Sequence[Shaped]) -> tuple[Shaped, list[Shaped]]:
-        """Return the best of a form of which some were tried, and all that explain as much."""
+        """Return the best fit of a form, after refinement of the ``tried`` ones, and all fits that explain as much."""
         every = list(tried)
         for reach in _CLOSER if form is Form.GROWING else _SHARPER:
             every += self._closer(form, min(every, key=left_by), reach)
@@ -220,12 +224,12 @@ class Forms:
 
 
 def left_by(one: Shaped) -> float:
-    """The χ² that a form leaves."""
+    """Return the remaining χ² of a form."""
     return one.fit.left
 
 
 def suspect(name: str, form: Form, best: Shaped, alike: Sequence[Shaped], last: int) -> SizedCause:
-    """Return a cause that explains a stretch with the best form of it, and all that do as much (``alike``)."""
+    """Return a cause with the best form, and intervals over all forms that explain as much (``alike``)."""
     return SizedCause(
         name,
         best.fit.size,

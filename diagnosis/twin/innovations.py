@@ -1,29 +1,29 @@
-"""Innovations: the part of the model error in each half second of a run that was not expected.
+"""Innovations: the unexpected part of the model error in each half second of a run.
 
 Theory of operation
 -------------------
-The model has p parameters θ that no one knows exactly: tolerances of the springs, zeros of the sensors, the gas where a
-stretch begins. To first order its error in a reading is r = H θ + noise, with H from finite differences. θ is estimated
-during the run, by least squares from the samples so far (a Kalman filter for constants; R. E. Kalman, 1960):
+The model has p uncertain parameters θ: tolerances of the springs, zeros of the sensors, the gas at the start of a
+stretch. To first order its error in a reading is r = H θ + noise, with H from finite differences. θ is estimated during
+the run, by least squares from the samples so far (a Kalman filter for constants; R. E. Kalman, 1960):
 
     e_k = r_k − H_k θ̂_{k−1},   S_k = R_k + H_k P_{k−1} H_kᵀ,   P_k⁻¹ = P_{k−1}⁻¹ + H_kᵀ R_k⁻¹ H_k
 
-The innovation e_k of a block is what no earlier block predicted. As long as the model holds, S_k^{−1/2} e_k are
-independent standard normal numbers, from block to block. A deviation of the rig from its model appears there, unless a
-tolerance explains it.
+The innovation e_k of a block is the part that earlier blocks do not predict. As long as the model is valid, S_k^{−1/2}
+e_k are independent standard normal numbers, from block to block. A deviation of the rig from its model appears there,
+unless a tolerance explains it.
 
-What friction remembers of the motion before a stretch is not known either: from the last reversal on it follows
-F = F_max (1 − u₀ D/(D + x)), and neither where on that curve a stretch starts, u₀, nor the curve itself, D, is known
-(M. Berg, 1998; a small loop goes on along the curve that it left). Where nothing is remembered u₀ is 1 and D the travel
-x₂ of the friction. So each spring, and both sideways, have three parameters more: a force that is forgotten by
-x₂/(x₂ + x), where x is how far the rubber has been from the start, one that shows by x₂ x/(x₂ + x)², and one that shows
-once it has turned: there a small loop may go on along the curve that it left, or not. F_max goes with the pressure.
+The state of the friction at the start of a stretch is unknown too. From the last reversal on it follows F = F_max (1 −
+u₀ D/(D + x)), with unknown position on the curve, u₀, and unknown curve, D (M. Berg, 1998; after a small loop the curve
+continues). Without a history u₀ is 1 and D the travel x₂ of the friction. So each spring, and both together in the
+lateral direction, have three further parameters: a force that decays with x₂/(x₂ + x), where x is the largest travel of
+the rubber from the start, one that grows with x₂ x/(x₂ + x)², and one that acts after a reversal, where the curve
+before a small loop may continue or not. F_max is proportional to the pressure.
 
-No model is exact, and the motion that drives it is measured. So R has two parts more, in the mean of a block and in
-each of its bins: what the noise of the motion leaves in every reading, and what the model may err by, a
-share of how far the reading has come from where it was at the start, and of what the shear is made of: where the
-bolster rolls, it is the small difference of a transducer and of an arm times the roll. All are what sound rigs show
-(`FLOOR`, `FORM`), and wide rather than narrow.
+No model is exact, and the motion that drives it is measured. So R has two further parts, in the mean of a block and in
+each of its bins: the effect of the noise of the motion on every reading, and the error of the model. The latter is a
+share of the change of the reading since the start, and of the two terms of the shear: if the bolster rolls, the shear
+is the small difference of a transducer and of the roll times an arm. The sizes are those on rigs without faults
+(`FLOOR`, `FORM`), rather too large than too small.
 """
 
 from __future__ import annotations
@@ -79,13 +79,14 @@ class Belief(NamedTuple):
 
     @classmethod
     def prior(cls, parameters: Sequence[Nuisance]) -> Belief:
-        """Nothing but the priors."""
+        """Return the estimate from the priors alone."""
         return cls(np.zeros(len(parameters)), np.eye(len(parameters)))
 
     def at_a_start(self, parameters: Sequence[Nuisance], rates: Mapping[str, float]) -> Belief:
-        """What of it holds where another stretch starts: the springs' and the sensors' own; its gas is another one.
+        """Return the estimate for the start of another stretch: parameters of springs and sensors are kept, those of
+        the gas reset.
 
-        The thermometers of the chambers go up or down by so much there (``rates``, K/s).
+        ``rates`` (K/s) are the rates of the thermometers of the chambers at the start.
         """
         own = np.array([not one.per_run for one in parameters])
         return Belief(
@@ -97,7 +98,7 @@ class Belief(NamedTuple):
 
 
 def _start(parameter: Nuisance, rates: Mapping[str, float]) -> float:
-    """The standard deviation of a parameter where a stretch starts, in those of its prior."""
+    """Return the standard deviation of a parameter at the start of a stretch, in units of its prior's."""
     place, _, what = parameter.name.rpartition(".")
     if what == "initial_temperature":
         return float(np.hypot(WARMTH, BEHIND * rates.get(place, 0.0))) / parameter.spread
@@ -115,7 +116,7 @@ class Innovations(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """Errors of the model and what its parameters do to its outputs, by bins."""
+    """Errors of the model and their derivatives by its parameters, by bins."""
 
     samples: NDArray[np.int64]  #: (n, c) readings in each bin
     measured: Array  #: (n, c)
@@ -126,7 +127,7 @@ class Columns(NamedTuple):
 
 
 def parameters_of(simulator: AirSpring) -> tuple[Nuisance, ...]:
-    """Return all that is learnt: what the simulator's runs do not know, and what friction remembers."""
+    """Return all estimated parameters: unknown ones of the simulator, and the state of the friction."""
     places = (*SIDES, "lateral")
     remembered = (
         Nuisance(f"{place}.friction.{what}", "1", 0.0, spread, per_run=True)
@@ -139,10 +140,10 @@ def parameters_of(simulator: AirSpring) -> tuple[Nuisance, ...]:
 def columns_of(
     run: MeasuredRun, channels: Sequence[Channel], simulator: AirSpring, noise: Array | None = None
 ) -> Columns:
-    """Simulate a run, and once more for each parameter, and average it all over bins.
+    """Simulate a run, and once more for each parameter, and average the results over bins.
 
-    ``noise`` (c,) is the variance of a reading where it is known; else it is what the run shows, or the data sheet says
-    if that is more.
+    ``noise`` (c,) is the variance of a reading if known; otherwise it is estimated from the run, at least the data
+    sheet's.
     """
     parameters = simulator.nuisances
     names = [one.name for one in parameters]
@@ -177,7 +178,7 @@ class Bins:
         self.samples: NDArray[np.int64] = self._sum(self.counted)
 
     def mean(self, values: Array) -> Array:
-        """Return means (n, c) of the samples that count, 0 where there is none."""
+        """Return means (n, c) of the samples that count, 0 without samples."""
         total = self._sum(np.where(self.counted, values, 0.0))
         return np.asarray(total / np.maximum(self.samples, 1))
 
@@ -186,14 +187,14 @@ class Bins:
 
 
 def _believed(channels: Sequence[Channel]) -> Array:
-    """What data sheets say of the variance of a reading (c,)."""
+    """Return the variance of a reading (c,) from data sheets."""
     return np.array([channel.noise**2 + channel.resolution**2 / 12.0 for channel in channels])
 
 
 def _shown(errors: Array, bins: Bins) -> Array:
-    """The variance of a reading (c,) by how errors (n, c) differ from one to the next, and from one bin to the next.
+    """Return the variance of a reading (c,), from differences of errors (n, c) between samples and between bins.
 
-    By the median of squares: what a model gets wrong, and what jumps, is elsewhere. Noise that remembers shows in bins.
+    The median of squares ignores model errors and jumps, which are in few differences. Bins show correlated noise.
     """
     single = [_from_one_to_the_next(one) for one in np.where(bins.counted, errors, np.nan).T]
     averaged = []
@@ -205,16 +206,15 @@ def _shown(errors: Array, bins: Bins) -> Array:
 
 
 def _from_one_to_the_next(values: Array) -> float:
-    """The variance of normal numbers with NaN between them, from the median square of their differences."""
+    """Return the variance of normal numbers with NaN between them, from the median square of their differences."""
     seen = values[np.isfinite(values)]
     return float(np.median(np.diff(seen) ** 2)) / (2.0 * _MEDIAN) if len(seen) > 2 else 0.0
 
 
 def friction_goes_on(place: Array, travel: float) -> tuple[Array, Array, Array]:
-    """Return what friction does on a way ``place`` (n,), in shares of its limit, that it does not as it starts again.
+    """Return the additional friction on a path ``place`` (n,) because of its history, as shares of its limit.
 
-    By −(u₀ − 1) x₂/(x₂ + x), by ∓(D/x₂ − 1) x₂ x/(x₂ + x)² where the way first goes up or down, and by all once it has
-    turned.
+    The shares are −(u₀ − 1) x₂/(x₂ + x), ∓(D/x₂ − 1) x₂ x/(x₂ + x)² (sign of the first motion), and 1 after a reversal.
     """
     way = place - place[0]
     away = np.maximum.accumulate(np.abs(way))
@@ -226,7 +226,9 @@ def friction_goes_on(place: Array, travel: float) -> tuple[Array, Array, Array]:
 
 
 def _pressures(experiment: Experiment, channels: Sequence[Channel], simulated: Array) -> list[Array]:
-    """Return the pressure (n,) in the bellows of each side by what the model reads (n, c); that at first without."""
+    """Return the simulated pressure (n,) in the bellows of each side; constant if the channels have no such
+    pressure.
+    """
     places = {channel.name: k for k, channel in enumerate(channels)}
     found = []
     for side in SIDES:
@@ -245,9 +247,9 @@ def _remembered(
     simulator: AirSpring,
     pressures: Sequence[Array],
 ) -> Iterator[Array]:
-    """Yield what friction that remembers does to the channels (n, c), in the order of `parameters_of`.
+    """Yield the effect of the friction's history on the channels (n, c), in the order of `parameters_of`.
 
-    Its limit goes with the ``pressures`` (n,) of the bellows.
+    The limit of the friction depends on the ``pressures`` (n,) of the bellows.
     """
     par, samples, size, inputs = simulator.parameters.record, bins.samples, bins.size, experiment.inputs
 
@@ -261,7 +263,9 @@ def _remembered(
             yield np.outer(spread * limits * some.mean(axis=1), where)
 
     def felt(slope: Array, force: float) -> Array:
-        """Where so much force of a spring is felt, per N, by what feels a parameter that makes it."""
+        """Return the effect of a force of a spring on the channels, per N, from the ``slope`` of a parameter that
+        causes it.
+        """
         forces = np.array([channel.kind == "force" for channel in channels])
         return np.where(forces, _at_first(slope, samples), 0.0) / force
 
@@ -287,8 +291,10 @@ def _at_first(values: Array, samples: NDArray[np.int64]) -> Array:
 
 
 def _wrongly_driven(experiment: Experiment, par: Any) -> Iterator[Experiment]:
-    """Yield it with a shear that was reported with arms wrong by `FORM` (`diagnosis.systems.motion.sheared`), and with
-    an accelerometer whose gain is.
+    """Yield the experiment with two errors of its motion.
+
+    First: the shear with arms wrong by `FORM` (`diagnosis.systems.motion.sheared`). Second: an accelerometer with a
+    gain wrong by the same share.
     """
     inputs = experiment.inputs
     left, right = inputs["left.height"], inputs["right.height"]
@@ -300,7 +306,7 @@ def _wrongly_driven(experiment: Experiment, par: Any) -> Iterator[Experiment]:
 
 
 def gas_rates(record: Record, start: float) -> dict[str, float]:
-    """Return by how much (K/s) the thermometer of each chamber goes up or down where a stretch starts."""
+    """Return the rate (K/s) of the thermometer of each chamber at the start of a stretch."""
     rates = {}
     for chamber in CHAMBERS:
         name = f"{chamber}_temperature"
@@ -312,7 +318,7 @@ def gas_rates(record: Record, start: float) -> dict[str, float]:
 
 
 def rough(columns: Columns) -> Array:
-    """Return what the model may be off by (n, c), one standard deviation."""
+    """Return the error of the model (n, c), one standard deviation."""
     first = _at_first(columns.simulated, columns.samples)
     travel = np.maximum.accumulate(
         np.where(columns.samples > 0, np.abs(columns.simulated - first), 0.0), axis=0
@@ -322,9 +328,9 @@ def rough(columns: Columns) -> Array:
 
 
 def judge(columns: Columns, belief: Belief, off: Array | None = None) -> Innovations:
-    """Judge the blocks of a stretch in order, each with the estimate before it.
+    """Compute the innovations of the blocks of a stretch in order, each with the estimate before it.
 
-    ``off`` (n, c) is the allowed error of the model; by default that of `rough`.
+    ``off`` (n, c) is the allowed error of the model; the default is that of `rough`.
     """
     blocks, channels = len(columns.samples) // BINS, columns.samples.shape[1]
     errors = columns.measured - columns.simulated

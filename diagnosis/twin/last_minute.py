@@ -18,7 +18,7 @@ _DIGITS: Final = 6
 def joined(
     before: LastMinute | None, start: float, channels: Sequence[Channel], told: Innovations
 ) -> LastMinute | None:
-    """Return the last minute up to the end of a stretch whose blocks begin at ``start`` s, after the one ``before``."""
+    """Return the last minute up to the end of a stretch whose blocks begin at ``start`` s, joined with ``before``."""
     known = np.flatnonzero(np.isfinite(told.measured).any(axis=1))
     if not len(known):
         return before
@@ -41,7 +41,7 @@ def joined(
 
 
 def _columns(minute: LastMinute) -> Array:
-    """Return readings, expected values and their band: (3, blocks, channels)."""
+    """Return readings, expected values and bands: (3, blocks, channels)."""
     rows = [(one.measured, one.expected, one.band) for one in minute.channels]
     return np.array(rows, np.float64).transpose(1, 2, 0)
 

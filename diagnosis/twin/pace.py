@@ -1,12 +1,12 @@
-"""How often a twin looks, and how long it searches for causes between: half of a processor at most, and 2 s behind.
+"""How often a twin judges new samples, and how long it searches for causes: half of a processor, and a delay of 2 s.
 
 Theory of operation
 -------------------
-A look that begins at t covers the samples received by t. The next one begins no sooner than at t + 2 u, where u is the
+A look that begins at t covers the samples received by t. The next one begins at t + 2 u or later, where u is the
 processor time since the start of the look before. So the twin uses half of a processor at most. The result of a look is
-replaced when the next one ends, at t + 2 u + l with l for that look. So the search between the two may last as long as
-2 (l + s) + l stays below what a twin may be behind. A search is interrupted where it can be, some tenths of a second
-later than it should: the aim is lower.
+replaced when the next one ends, at t + 2 u + l, where l is the time of that look. So the search between the two may
+take s as long as 2 (l + s) + l is below the allowed delay. A search ends some tenths of a second late, because it can
+be interrupted only at certain places. So the target is lower.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ _LEAST: Final = 0.25
 
 
 class Pace:
-    """The pace of one twin from now on; ``now`` is a clock, ``used`` what its process has used of processors by now."""
+    """The pace of one twin; ``now`` is a clock, ``used`` returns the processor time of its process."""
 
     def __init__(self, now: Callable[[], float], used: Callable[[], float]) -> None:
         self._now, self._used = now, used
         self._began, self._counted = now(), used()
 
     def begin(self) -> None:
-        """A look begins."""
+        """Note that a look begins."""
         self._began = self._now()
 
     def searching(self) -> float:
-        """Return for how many s of a processor causes may be looked for after the look that has just ended."""
+        """Return the processor time (s) for a search for causes after the look that has just ended."""
         looked = self._used() - self._counted
         return max(0.5 * (BEHIND - 3.0 * looked), _LEAST * looked)
 
     def next(self) -> float:
-        """Return when the next look may begin; processor time used from now on counts for that look."""
+        """Return when the next look may begin. Processor time from now on counts for that look."""
         used = self._used()
         spent, self._counted = used - self._counted, used
         return self._began + max(EVERY, 2.0 * spent)

@@ -1,4 +1,4 @@
-"""Two causes that explain together what neither does alone: greedily, then each with the other one in its place."""
+"""Pairs of causes that explain a stretch together if neither does alone: a greedy search, then refinement of each."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _SURE: Final = 4.0
 
 
 class Acting(NamedTuple):
-    """A cause at a point of its grid that begins with a bin, at about a size."""
+    """A cause at a point of its grid, with its start bin and an approximate size."""
 
     cause: Hypothesis
     shapes: Mapping[str, float]
@@ -36,7 +36,7 @@ class Acting(NamedTuple):
 
 
 class _Two(NamedTuple):
-    """Two causes, what each adds per unit (n, c), their fits, and which beginnings of each explain as much."""
+    """Two causes, the effect of each per unit (n, c), their fits, and the starts of each that explain as much."""
 
     acting: tuple[Acting, Acting]
     columns: tuple[Array, Array]
@@ -53,7 +53,7 @@ class _Two(NamedTuple):
 
 
 def sum_of(fits: Sequence[Fitted], columns: Sequence[Array]) -> Array:
-    """Return what causes add together (n, c)."""
+    """Return the sum of the effects of causes (n, c)."""
     total = 0.0 * columns[0]
     for fit, column in zip(fits, columns, strict=True):
         total += fit.size * column
@@ -68,7 +68,7 @@ class Pairs:
         self._last = len(stretch.columns.measured) - 2 * BINS
 
     def pairs_with(self, first: Acting) -> Work[list[tuple[SizedCause, SizedCause]]]:
-        """Return pairs of ``first`` with another cause, both with the beginnings that fit best, if they explain all."""
+        """Return pairs of ``first`` with another cause that explain the stretch, both with their best starts."""
         (column,) = self._stretch.replays.columns([(first.cause, first.shapes, first.size)], first.onset)
         if column is None:
             return []
@@ -88,12 +88,14 @@ class Pairs:
         return pairs
 
     def _where_it_parts(self, size: float, column: Array) -> int | None:
-        """Return since which bin the twin with a cause of a size parts; None if it does not."""
+        """Return the bin since which the rig deviates from the twin with a cause of this size; None without a
+        deviation.
+        """
         alarm = self._stretch.alarm_with(size * column)
         return None if alarm is None else alarm.since * BINS
 
     def _seconds(self, first: Acting, column: Array, onset: int) -> Work[list[Acting]]:
-        """Return what explains most together with the first cause, one point of each cause."""
+        """Return the best causes to explain the remainder together with the first one, one grid point of each cause."""
         ranked: list[tuple[float, Acting]] = []
         sizes = [(cause, shapes, bounded(cause, typical(cause))) for cause, shapes in self._stretch.points]
         for at in {onset, first.onset}:
@@ -115,7 +117,7 @@ class Pairs:
     def _refined(
         self, acting: tuple[Acting, Acting], which: int, near: Sequence[int], before: _Two | None
     ) -> Work[_Two | None]:
-        """Return the pair with the best beginning of one of the two near its present one."""
+        """Return the pair with the best start of one of its causes near the present start."""
         mover, keeper = acting[which], acting[1 - which]
         kept = before.columns[1 - which] if before else self._one(keeper)
         if kept is None:

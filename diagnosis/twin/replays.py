@@ -1,4 +1,4 @@
-"""What causes do to a stretch that they begin in: differences of replays, linear in their size."""
+"""Effects of causes on a stretch in which they begin: differences of replays, linear in their size."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _STEEP: Final = 0.8
 
 
 class Replays:
-    """What causes do to a stretch that began with a bin of it: differences of two replays that begin there."""
+    """Effects of causes on a stretch: differences of two replays that begin at the same bin."""
 
     def __init__(self, run: MeasuredRun, simulator: AirSpring) -> None:
         self._run, self._simulator = run, simulator
@@ -33,9 +33,9 @@ class Replays:
     def columns(
         self, sizes: Sequence[tuple[Hypothesis, Mapping[str, float], float]], onset: int
     ) -> Iterator[Array | None]:
-        """Yield what causes (with shapes) add since a bin, per unit of their sizes (n, c).
+        """Yield the effect (n, c) of each cause (with shapes) from a bin on, per unit of its size.
 
-        None of those that are impossible, or have no size.
+        None for a cause that is impossible or has size 0.
         """
         first = onset * self._bins.size
         experiment = self._from(first)
@@ -55,7 +55,7 @@ class Replays:
             yield self._bins.mean(whole) / size
 
     def changing(self, cause: Hypothesis, shapes: Mapping[str, float], sizes: Array) -> Array | None:
-        """Return what a cause adds (n, c) that has such a size in each bin (n,); None if that is impossible."""
+        """Return the effect (n, c) of a cause with a size for each bin (n,); None if that is impossible."""
         small = _SMALL * np.abs(sizes).max()
         sizes = np.where(np.abs(sizes) > small, sizes, np.copysign(small, sizes.sum()))
         first = np.append(0, np.flatnonzero(np.diff(sizes)) + 1)
@@ -64,7 +64,7 @@ class Replays:
         return self._bins.mean(moved - self._base) if np.isfinite(moved).all() else None
 
     def _from(self, first: int) -> Experiment:
-        """Return the experiment from a sample on, with the pressures that the model has there."""
+        """Return the experiment from a sample on, with the simulated pressures at this sample."""
         experiment = self._run.experiment
         if first == 0:
             return experiment
@@ -82,13 +82,13 @@ class Replays:
 
 
 class Secant:
-    """Find the next size to simulate, until the fitted size equals the simulated one."""
+    """Secant search for the size at which the fitted size equals the simulated one."""
 
     def __init__(self) -> None:
         self._trail: list[tuple[float, float]] = []  # logarithms of simulated and of fitted sizes
 
     def after(self, simulated: float, found: float) -> float:
-        """Return the size that comes after one that was ``simulated``, and with which another one was ``found``."""
+        """Return the next size to simulate, after size ``found`` was fitted at size ``simulated``."""
         if found * simulated <= 0.0:
             return found
         self._trail.append((float(np.log(abs(simulated))), float(np.log(abs(found)))))
@@ -101,18 +101,18 @@ class Secant:
 
 
 def bounded(cause: Hypothesis, size: float) -> float:
-    """The nearest size that is possible, not quite all of it: where nothing flows any more, more is the same."""
+    """Return the nearest possible size, slightly inside of the range, because a closed path cannot close further."""
     return float(np.clip(size, _WITHIN * cause.amplitude.low, _WITHIN * cause.amplitude.high))
 
 
 def typical(cause: Hypothesis) -> float:
-    """The size of an ordinary fault, of the sign that is possible."""
+    """Return the size of an ordinary fault, with a possible sign."""
     size = cause.amplitude.spread
     return -size if cause.amplitude.high <= 0.0 else size
 
 
 def can_be(cause: Hypothesis, size: float) -> bool:
-    """Return whether a cause that acts may have a size."""
+    """Return whether an acting cause may have this size."""
     amplitude = cause.amplitude
     signed = not cause.one_sided or size * typical(cause) > 0.0
     return size != 0.0 and signed and amplitude.low <= size <= amplitude.high

@@ -1,6 +1,6 @@
-"""Work in slices: a search for causes takes long, and looks at the rig do not wait for it.
+"""Work in slices, so that looks at the rig do not wait for a long search for causes.
 
-Anyone who works yields wherever it may be interrupted, at least every few tenths of a second.
+Work is a generator that yields wherever it may be interrupted, at least every few tenths of a second.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ Work: TypeAlias = Generator[None, None, Found]
 
 
 class Sliced(Generic[Found]):
-    """Work that goes on where it was interrupted; ``used`` shows how many s of a processor were used by now."""
+    """Work that continues where it was interrupted; ``used`` returns the processor time (s)."""
 
     def __init__(self, work: Work[Found], used: Callable[[], float] = processor_time) -> None:
         self._work, self._used = work, used
 
     def go_on(self, seconds: float = inf) -> Found | None:
-        """Work for so many s of a processor, and until the next place to stop; return the result at the end."""
+        """Work for ``seconds`` of processor time and until the next yield; return the result if the work has ended."""
         began = self._used()
         try:
             while True:
@@ -36,7 +36,7 @@ class Sliced(Generic[Found]):
 
 
 def finished(work: Work[Found]) -> Found:
-    """Do all of it at once."""
+    """Do all of the work at once and return its result."""
     found = Sliced(work).go_on()
     assert found is not None
     return found

@@ -1,7 +1,8 @@
-"""Where in a run the model can be judged: from a rest on, as long as the air is known and the motion is measured.
+"""The parts of a run in which the model can be judged: from a rest on, while the air is known and the motion is
+measured.
 
-What a look costs grows with its stretch. So a stretch ends at the first rest after a minute, or somewhat later in the
-middle of a motion that has none; the next one goes on from there.
+The processor time of a look grows with its stretch. So a stretch ends at the first rest after a minute, or somewhat
+later in the middle of a motion without a rest; then the next stretch begins.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ WARM: Final = "the gas temperature was not steady, so the initial state of the m
 
 
 class Stretch(NamedTuple):
-    """A part of a run, in s; ``why`` it cannot be judged, "" where it can. An ``open`` one may still grow."""
+    """A part of a run, in s. ``why`` states why it cannot be judged, "" if it can. An ``open`` one may still grow."""
 
     start: float
     end: float
@@ -70,12 +71,12 @@ class Stretch(NamedTuple):
 
     @property
     def judged(self) -> bool:
-        """Whether the model can be judged there."""
+        """Whether the model can be judged in this part."""
         return not self.why and self.end > self.start
 
     @property
     def sure(self) -> bool:
-        """Whether nothing that comes later makes its beginning another one."""
+        """Whether later samples cannot change its start."""
         return self.end - self.start > _SURE
 
 
@@ -86,8 +87,8 @@ BEGINNING: Final = Stretch(0.0, 0.0)
 def stretches(record: Record, *, ended: bool = True, since: Stretch = BEGINNING) -> list[Stretch]:
     """Return the parts of a run in order, from its beginning to the last received sample.
 
-    Of a run that has not ``ended`` the last part is open. ``since`` is a part that an earlier look has found: it comes
-    first then, and earlier parts are skipped.
+    The last part is open if the run has not ``ended``. ``since`` is a part from an earlier look; it comes first, and
+    earlier parts are skipped.
     """
     begin = round(since.start / STEP)
     before = max(begin - round(_SURE / STEP), 0)
@@ -113,7 +114,7 @@ def _part(grid: Array, first: int, last: int, why: str = "", *, moving: bool = F
 
 
 class _Ready:
-    """Where a stretch can begin: the bench rests, and its gas has settled."""
+    """The places where a stretch can begin: the bench is at rest, and its gas has settled."""
 
     def __init__(self, record: Record, grid: Array, *, ended: bool) -> None:
         self._grid = grid
@@ -124,9 +125,9 @@ class _Ready:
         self._still = still & ~self._warm
 
     def cut(self, first: int, last: int, since: Stretch | None = None) -> Iterator[Stretch]:
-        """Cut the parts that can be judged: the part before the first rest, and long stretches, at later rests.
+        """Yield the parts that can be judged, cut at the first rest and at later rests of long stretches.
 
-        A stretch that an earlier look has found (``since``) begins with the first step.
+        A stretch of an earlier look (``since``) begins at the first step.
         """
         rest = round(REST / STEP)
         if last - first < rest:
@@ -158,7 +159,7 @@ class _Ready:
 
 
 def _why(record: Record, grid: Array) -> list[str]:
-    """Return for each step why the model cannot be judged there, "" where it can."""
+    """Return for each step why the model cannot be judged there; "" if it can."""
     settings = SettingsOfRecord(record)
     valves = settings.valves(grid)
     leveled = np.any([valves[f"{side}.leveling"] > 0.0 for side in SIDES], axis=0)
@@ -181,7 +182,7 @@ def _why(record: Record, grid: Array) -> list[str]:
 
 
 def _samples(record: Record, name: str, grid: Array) -> tuple[Array, Array, Array]:
-    """Times and values (m,) of the samples that a signal has in the steps of a grid, and the edges of these."""
+    """Return times and values (m,) of the samples of a signal in the steps of a grid, and the edges of the steps."""
     edges = np.append(grid, grid[-1] + STEP)
     times, values = record.series(name) if name in record.signals else (np.empty(0), np.empty(0))
     inside = slice(*np.searchsorted(times, edges[[0, -1]]))
@@ -191,15 +192,12 @@ def _samples(record: Record, name: str, grid: Array) -> tuple[Array, Array, Arra
 
 
 def _sums(record: Record, name: str, grid: Array) -> tuple[Array, Array]:
-    """How many samples (n,) of a signal each step has, and their sum."""
+    """Return the number of samples (n,) of a signal in each step, and their sum."""
     return binned(*_samples(record, name, grid))
 
 
 def resting(record: Record, grid: Array) -> NDArray[np.bool_]:
-    """Where (n,) no displacement differs from what it was half a second before and will be half a second later.
-
-    Nor goes to and fro meanwhile.
-    """
+    """Return where (n,) all displacements are constant within half a second before and after, without oscillation."""
     reach = round(_STILL / STEP)
     still = np.ones(len(grid), np.bool_)
     for name in SENSORS:
@@ -219,7 +217,9 @@ def resting(record: Record, grid: Array) -> NDArray[np.bool_]:
 
 
 def _scatter(record: Record, name: str, grid: Array, reach: int) -> Array:
-    """The standard deviation (n,) of a signal's samples in so many steps around each; 0 without any."""
+    """Return the standard deviation (n,) of a signal's samples within ``reach`` steps of each step; 0 without
+    samples.
+    """
     times, values, edges = _samples(record, name, grid)
     values = values - values.mean()
     count, total = binned(times, values, edges)
@@ -227,7 +227,7 @@ def _scatter(record: Record, name: str, grid: Array, reach: int) -> Array:
 
 
 def _warming(record: Record, grid: Array) -> NDArray[np.bool_]:
-    """Where (n,) gas that was let in or out is far from settled, and shortly before and after."""
+    """Return where (n,) the gas is far from thermal equilibrium, and steps shortly before and after."""
     reach = round(REST / STEP)
     going = np.zeros(len(grid), np.bool_)
     for name in BY_GROUP[Group.TEMPERATURE]:
@@ -238,19 +238,19 @@ def _warming(record: Record, grid: Array) -> NDArray[np.bool_]:
 
 
 def _nearby(flags: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
-    """Where (n,) a flag is set not farther away than so many steps."""
+    """Return where (n,) a flag is set within ``reach`` steps."""
     return np.asarray(sliding_window_view(np.pad(flags, reach), 2 * reach + 1).any(axis=1))
 
 
 def _mean(record: Record, name: str, grid: Array) -> Array | None:
-    """The mean (n,) of a signal in each step, on straight lines where it has no sample; None without any."""
+    """Return the mean (n,) of a signal in each step, interpolated in steps without samples; None without any sample."""
     count, total = _sums(record, name, grid)
     seen = count > 0
     return np.interp(grid, grid[seen], total[seen] / count[seen]) if seen.any() else None
 
 
 def _alike(words: list[str], first: int) -> Iterator[tuple[int, int]]:
-    """Yield first and last + 1 of the runs of equal words from ``first`` on."""
+    """Yield start and stop of the runs of equal words from ``first`` on."""
     for k in range(first + 1, len(words) + 1):
         if k == len(words) or words[k] != words[first]:
             yield first, k

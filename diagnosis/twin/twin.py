@@ -63,7 +63,7 @@ _BACK: Final = 300.0
 
 
 class Seen(NamedTuple):
-    """A stretch to be judged: its measured run, and the state assumed at the start of its replay."""
+    """A stretch to be judged: its measured run, and the assumed state at the start of its replay."""
 
     start: float  #: s, of the replay
     gas: dict[str, float] | None  #: settings of the gas at the start, if the rig is not at rest
@@ -83,9 +83,10 @@ class _Search(NamedTuple):
 
 
 class Twin:
-    """The model with ``parameters`` together with the run of a ``record``, which may be growing; ``model`` is its name.
+    """The model with ``parameters``, compared with the ``record`` of a run, which may be growing; ``model`` is its
+    name.
 
-    DiagnosisError for a rig without a sensor that the model could be held against.
+    Raises DiagnosisError if the rig has no sensor that the model can be compared with.
     """
 
     def __init__(self, record: Record, parameters: Parameters, model: str) -> None:
@@ -128,13 +129,13 @@ class Twin:
 
     @property
     def looks_back_to(self) -> float:
-        """From when on (s) it needs all samples of the record; of those before, the means over a second are enough."""
+        """The time (s) from which on it needs all samples of the record. Before it, means over a second are enough."""
         first = self._since.start if self._search is None else min(self._since.start, self._search.start)
         return first - _BACK
 
     @property
     def story(self) -> TwinStory:
-        """All that can be said by now."""
+        """All results so far."""
         all_deviations = self._deviations
         for one in (*self._waiting, self._open):
             all_deviations = course.joined(all_deviations, one)
@@ -151,7 +152,7 @@ class Twin:
     def look(self, *, ended: bool = True, later: bool = False) -> TwinStory:
         """Judge the samples received since the last look, and return all results so far.
 
-        With ``later``, causes are left to `search` if the run has not ended.
+        With ``later``, the search for causes is left to `search` unless the run has ended.
         """
         self._later = later and not ended
         if not self._later and self._waiting:
@@ -173,7 +174,7 @@ class Twin:
         return self.story
 
     def search(self, seconds: float = inf) -> None:
-        """Go on with the search for causes, for about so many s of a processor."""
+        """Continue the search for causes, for about ``seconds`` of processor time."""
         if self._search is None:
             return
         found = self._search.work.go_on(seconds)
@@ -192,7 +193,7 @@ class Twin:
             self._open = course.extend_deviation(self._open or deviation, deviation, end)
 
     def _close(self, one: Judged) -> None:
-        """Add a finished stretch and its results."""
+        """Add a finished stretch with its results."""
         self._closed.append(one)
         if one.along is None:
             self._before = None
@@ -206,9 +207,9 @@ class Twin:
         self._open, self._known = None, ()
 
     def _see(self, stretch: Stretch, end: float, before: Seen | None = None) -> Seen:
-        """Return what there is of a stretch until ``end`` s; ``before`` is what there was of it.
+        """Return the stretch until ``end`` s; ``before`` is the stretch as seen in an earlier look.
 
-        DiagnosisError if it cannot be replayed.
+        Raises DiagnosisError if it cannot be replayed.
         """
         start, gas = (before.start, before.gas) if before else (stretch.start, None)
         if stretch.moving and not before:
@@ -222,7 +223,9 @@ class Twin:
         return Seen(start, gas, run, channels, columns, belief, rates)
 
     def _in_motion(self, at: float) -> tuple[float, dict[str, float]]:
-        """Return when (s) the replay of a stretch starts that goes on ``at`` s in a motion, and the gas there."""
+        """Return the start (s) of the replay of a stretch that begins ``at`` s in a motion, and the gas at this
+        start.
+        """
         if self._before is None or abs(self._closed[-1].end - at) > 0.5 * STEP:
             raise DiagnosisError(MOVING)
         seen, belief = self._before
@@ -266,7 +269,9 @@ class Twin:
         return Judged(start, stretch.end, alarm is None)
 
     def _part(self, alarm: Alarm, told: Innovations, stretch: Stretch, seen: Seen, end: float) -> None:
-        """Say where rig and model deviate in a ``stretch`` that was ``seen`` until ``end`` s, and why perhaps."""
+        """Report the deviation in a ``stretch`` that was ``seen`` until ``end`` s, and start the search for its
+        cause.
+        """
         start, since, c = seen.start, alarm.since * BLOCK, alarm.channel
         before = self._open
         deviation = Deviation(
@@ -298,13 +303,15 @@ class Twin:
     def _explained(
         self, deviation: Deviation, stretch: Stretch, seen: Seen, since: float
     ) -> Work[tuple[Deviation, tuple[SizedCause, ...]]]:
-        """Return a deviation with its causes, and the causes that explain it alone or as the first of two."""
+        """Return a deviation with its causes, and the causes that explain it alone or as the first of a pair."""
         # Use the priors: the estimate from sound stretches claims more precision than it has.
         start, before = seen.start, self._known
         prior = Belief.prior(self._parameters).at_a_start(self._parameters, seen.rates)
 
         def known() -> Work[Sequence[SizedCause]]:
-            """What explains the stretch as it was soon after it was reported, if no one looked then."""
+            """Return the causes that explain the stretch up to shortly after the report, if no earlier search found
+            any.
+            """
             until = deviation.detected + _SOON
             if before or until > start + len(seen.run.experiment.time) * seen.run.experiment.step - LEAST:
                 return before
@@ -335,7 +342,7 @@ class Twin:
         return explained, first + found.worse
 
     def _is_it_over(self, seen: Seen, start: float, end: float) -> None:
-        """Report the end of an earlier deviation, if this stretch agrees with the model and would have shown it."""
+        """Report the end of an earlier deviation if this stretch agrees with the model and would have shown it."""
         last = self._deviations[-1] if self._deviations else None
         if last is None or not last.lasts or self._waiting:
             return
@@ -359,6 +366,6 @@ class Twin:
 
 
 def _no_suspects() -> Work[Sequence[SizedCause]]:
-    """Nothing is known of what explained a stretch before."""
+    """Return no known causes."""
     yield from ()
     return ()

@@ -1,1 +1,1 @@
-"""Least squares on what a simulator predicts: points, replays, linearisations, fits, predictions."""
+"""Least squares with a simulator: points, replays, linearisations, fits, predictions."""

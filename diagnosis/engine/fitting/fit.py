@@ -1,22 +1,22 @@
-"""Penalised least squares by Levenberg and Marquardt, with as few simulations as will do.
+"""Penalised least squares by Levenberg and Marquardt, with few simulations.
 
 Theory of operation
 -------------------
-Minimised is the penalised χ²: Σ|r|² of the whitened residuals plus the squares of the parameters' distances from their
-priors (`linear.py`). Simulations are all that costs time, nearly all of them for difference quotients. So columns are
-bought only when they are needed, in the order of their price (`ColumnSource`):
+The fit minimises the penalised χ²: Σ|r|² of the whitened residuals plus the squares of the parameters' distances from
+their priors (`linear.py`). Nearly all of the time is spent on simulations for difference quotients. So columns are
+computed only when needed, in the order of their cost (`ColumnSource`):
 
-* the columns of the nuisances are borrowed from a fit under the same noise, for they hardly change from model to model;
-* those of the effects follow each step by Broyden's rule: corrected so that they explain the change just seen;
-* a step that gains clearly less than the linear model predicts has new columns of the effects computed, a step that
-  fails has central differences of them;
-* where these fail too the step is shortened, by damping. Along a narrow curved valley good steps are short: the
-  damping falls slowly, and a step that fails after good ones is tried shorter before its columns are doubted;
-* only where a shorter step fails, too, are the columns of the nuisances doubted, which are by far the dearest;
-* a fit that is to be compared with others, and even by its linear model stays behind the best of them, buys none of
-  those, and one that stays above a ``ceiling`` no central differences either: nothing depends on how far above it ends.
+* the columns of the nuisances are copied from a fit under the same noise, because they hardly differ between models;
+* the columns of the effects are corrected after each step by Broyden's rule, so that they explain the last change;
+* if a step gains clearly less than the linear model predicts, new columns of the effects are computed; if it fails,
+  with central differences;
+* if these fail too, the step is shortened by damping. Along a narrow curved valley good steps are short: the damping
+  decreases slowly, and if a step fails after good ones, a shorter step is tried before new columns;
+* if a shorter step fails too, the columns of the nuisances are computed again, which takes the most time;
+* a fit whose linear model cannot reach the best other fit gets no new columns of the nuisances, and one that stays
+  above a ``ceiling`` no central differences, because its exact χ² does not matter.
 
-The fit ends where the next step promises less than the finite differences resolve.
+The fit ends when the predicted decrease of the next step is below the resolution of the finite differences.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from diagnosis.engine.whitening import Filter, filters
 
 
 class ColumnSource(IntEnum):
-    """Where the columns of a linearisation come from, the dearer the better."""
+    """The source of the columns of a linearisation, in the order of cost and accuracy."""
 
     BORROWED = 0  #: an earlier point
     OWN = 1  #: differences at this point for the effects' own numbers
@@ -61,7 +61,7 @@ class ColumnSource(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedModel:
-    """A model at its best fit. ``predictions`` (n, c) are those of the replayed runs, in their own units."""
+    """A fitted model. ``predictions`` (n, c) are those of the replayed runs, in their own units."""
 
     replay: Replay
     noise: Noise
@@ -71,7 +71,7 @@ class FittedModel:
 
     @property
     def point(self) -> Point:
-        """Where the fit ended."""
+        """The point of the optimum."""
         return self.linearisation.point
 
     @property
@@ -81,18 +81,18 @@ class FittedModel:
 
     @property
     def samples(self) -> int:
-        """How many samples count."""
+        """The number of samples that count."""
         return sum(int(run.counted.sum()) for run in self.replay.runs)
 
     @property
     def bic(self) -> float:
-        """Penalised χ² at the optimum and ln N for each parameter of an effect; only differences mean something."""
+        """Penalised χ² at the optimum plus ln N for each parameter of an effect. Only differences have a meaning."""
         extra = sum(1 for c in self.point.coordinates if c.owner)
         return self.penalised_chi2 + extra * math.log(self.samples)
 
     @property
     def penalised_chi2(self) -> float:
-        """χ² of the data over its dispersion, and the squared distances from the priors."""
+        """χ² of the data and squared distances from the priors, divided by the dispersion."""
         return self.linearisation.penalised_chi2 / self.noise.dispersion
 
     def covariance(self) -> Array:
@@ -100,7 +100,9 @@ class FittedModel:
         return self.noise.dispersion * self.linearisation.covariance()
 
     def deviation(self, coordinate: Coordinate) -> float:
-        """Return the standard deviation of a parameter in its own unit; of its logarithm where it is fitted as such."""
+        """Return the standard deviation of a parameter in its own unit; of its logarithm for a logarithmic
+        parameter.
+        """
         place = self.point.place(coordinate)
         return float(math.sqrt(max(self.covariance()[place, place], 0.0))) * coordinate.scale
 
@@ -119,10 +121,10 @@ def fit(
 ) -> FittedModel:
     """Fit every number of a model to the runs of a replay, from ``start``; ``prior`` replaces that of the parameters.
 
-    ``known`` may hold columns of the nuisances, under whatever noise; ``refresh`` computes all columns again at
-    the end. A fit that stays far above ``target``, the penalised χ² of another model, is not carried to the last
-    digit; one that promises to stay above the ``ceiling`` ends where new columns of the effects do not help; none
-    takes more than so many ``steps``. Raises ``DiagnosisError`` where the model fails at the start.
+    ``known`` may hold columns of the nuisances, under any noise. ``refresh`` computes all columns again at the end. A
+    fit that stays far above ``target``, the penalised χ² of another model, ends early. One whose prediction stays above
+    ``ceiling`` ends when new columns of the effects do not help. ``steps`` is the largest number of steps. Raises
+    ``DiagnosisError`` if the model fails at the start.
     """
     whiten = filters(noise, replay.runs)
     predictions = replay.predictions(start)
@@ -159,7 +161,7 @@ def fit(
 
 @dataclass(slots=True, eq=False)
 class _Descent:
-    """Where a fit is: the model linearised there, its predictions, where its columns come from, and the damping."""
+    """The state of a fit: the linearised model, its predictions, the source of its columns, and the damping."""
 
     replay: Replay
     noise: Noise
@@ -173,10 +175,10 @@ class _Descent:
     trusted: bool = False  #: the last step was good, though damped
 
     def attempt(self, trial: Point, decrease: float, hopeless: bool) -> bool:
-        """Simulate a step, and take it or prepare a better one; False where no better one is worth its price.
+        """Simulate a step, and take it or prepare a better one; return False if no better one is worth its cost.
 
-        ``decrease`` is what the linear model predicts of the penalised χ²; where that is ``hopeless``, nothing dearer
-        is bought than columns of the effects.
+        ``decrease`` is the predicted decrease of the penalised χ². If the fit is ``hopeless``, only columns of the
+        effects are computed again.
         """
         predictions = self.replay.predictions(trial)
         there = _follow(self.at, trial, self.whiten, self.replay, predictions)
@@ -200,9 +202,9 @@ class _Descent:
         return True
 
     def renewed(self) -> bool:
-        """Compute all columns again if shorter steps failed with old ones of the nuisances; show whether.
+        """Compute all columns again if shorter steps failed with old ones of the nuisances; return whether it was done.
 
-        It must be worth its price: what the linear model predicts must be better than the target.
+        It is done only if the linear model predicts a χ² below the target.
         """
         if self.damping == 0.0 or not ColumnSource.OWN <= self.source < ColumnSource.FRESH:
             return False
@@ -215,7 +217,7 @@ class _Descent:
         return True
 
     def linearise(self, source: ColumnSource) -> None:
-        """Compute columns again where the fit is; those of the nuisances stay unless all are requested."""
+        """Compute columns again at the present point; those of the nuisances only if ``source`` is FRESH."""
         if source == ColumnSource.FRESH:
             self._compute(None)
         if self._has_own:
@@ -229,19 +231,19 @@ class _Descent:
 
     @property
     def _has_own(self) -> bool:
-        """Whether effects have columns: a model without effects has none, nor have those that are held."""
+        """Whether free parameters of effects have columns."""
         return any(c.owner and not c.held for c in self.at.point.coordinates)
 
     @property
     def _cheapest(self) -> ColumnSource:
-        """The cheapest columns that are new."""
+        """The cheapest source of new columns."""
         return ColumnSource.OWN if self._has_own else ColumnSource.FRESH
 
 
 def _follow(
     old: Linearisation, trial: Point, whiten: Sequence[Filter], replay: Replay, predictions: Sequence[Array]
 ) -> Linearisation:
-    """Return the linearisation at a new point whose own columns agree with the change just seen (Broyden)."""
+    """Return the linearisation at a new point; its effect columns are corrected to the last change (Broyden)."""
     moved = trial.numbers - old.point.numbers
     blocks = []
     for block, filter_, residual in zip(old.blocks, whiten, replay.residuals(predictions), strict=True):
@@ -257,7 +259,7 @@ def _follow(
 
 
 def _check(replay: Replay, predictions: Sequence[Array], point: Point) -> None:
-    """Refuse a model that has no finite output where it starts."""
+    """Raise DiagnosisError if a model has no finite output at its start."""
     for run, predicted in zip(replay.runs, predictions, strict=True):
         if not np.isfinite(predicted[run.counted]).all():
             raise DiagnosisError(

@@ -1,8 +1,8 @@
 """Least squares on whitened residuals and sensitivities, kept run by run: gradients, projections, covariances.
 
 The unknown step δ minimises Σ|r − X δ|² + (u + δ − m)ᵀ W (u + δ − m), where u are the numbers of the point, m their
-prior mean and W its precision: a prior is one more observation. Columns of one run's own nuisances live in that run's
-block only.
+prior mean and W its precision: a prior is one more observation. Columns of one run's own nuisances are only in the
+block of that run.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Part = tuple[tuple[int, ...], Columns]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Raw:
-    """Columns as they were before they passed a filter: another one can have them, too."""
+    """Columns before whitening, for use with other filters."""
 
     columns: Columns
     passed: Filter
@@ -34,10 +34,10 @@ class Raw:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """One run, whitened: residual (N,) and sensitivities, of the samples that count.
+    """One run, whitened: residual (N,) and sensitivities of the samples that count.
 
-    ``parts`` are the columns that many models share, of which ``raw`` holds the values before whitening if other models
-    may borrow them, then those that are the model's own.
+    The first of the ``parts`` are columns that many models share; ``raw`` holds them before whitening if other models
+    may copy them. The second are the model's own columns.
     """
 
     run: str
@@ -48,7 +48,7 @@ class Block:
 
     @property
     def places(self) -> list[int]:
-        """Return the coordinates of all columns, in their order."""
+        """The coordinates of all columns, in their order."""
         return [place for places, _ in self.parts for place in places]
 
     @property
@@ -59,7 +59,7 @@ class Block:
         return np.block([[shared.gram, mixed], [mixed.T, own.gram]])
 
     def multiplied(self) -> Block:
-        """Return the block once the inner products of its columns are made, which these keep."""
+        """Compute the inner products of the columns, which cache them, and return the block."""
         _ = self.gram
         return self
 
@@ -78,7 +78,7 @@ class Block:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Projection:
-    """Extra columns after everything that the linearisation can explain has been taken out of them.
+    """Extra columns after projection: the part that the linearisation can explain is subtracted.
 
     ``information`` (m, m) are their inner products, ``score`` (m,) those with the residual, ``gram`` (m, m) their inner
     products before the projection, ``regression`` (k, m) the coefficients with which the coordinates imitate them best.
@@ -90,7 +90,9 @@ class Projection:
     regression: Array
 
     def along(self, directions: Array) -> Projection:
-        """Return that of sums of the columns, each with its coefficients in a row of ``directions`` (v, m)."""
+        """Return the projection of sums of the columns; each row of ``directions`` (v, m) holds the coefficients of one
+        sum.
+        """
         return Projection(
             directions @ self.information @ directions.T,
             directions @ self.score,
@@ -99,7 +101,7 @@ class Projection:
         )
 
     def of(self, inside: slice) -> Projection:
-        """Return that of some of the columns."""
+        """Return the projection of the columns ``inside``."""
         return Projection(
             self.information[inside, inside],
             self.score[inside],
@@ -114,7 +116,7 @@ class Projection:
 
     @property
     def norm(self) -> Array:
-        """Norms |s| (m,); 0 where no more is left of a column than it may be wrong by."""
+        """Norms |s| (m,); 0 if the rest of a column is not above its error."""
         square = np.diagonal(self.information)
         return np.sqrt(np.where(square > VISIBLE_PART * np.diagonal(self.gram), square, 0.0))
 
@@ -122,7 +124,7 @@ class Projection:
     def estimate(self) -> Array:
         """Least-squares amplitudes (m,) of all columns together; 0 for an invisible one.
 
-        Many columns are alike. The ridge is their possible error: sums below it stay 0.
+        Many columns are similar. A ridge of the size of their errors keeps sums below these errors at 0.
         """
         seen = self.norm > 0.0
         ridge = VISIBLE_PART * np.diagonal(self.gram)[seen]
@@ -132,7 +134,7 @@ class Projection:
 
     @property
     def z(self) -> Array:
-        """Normalised scores sᵀr/|s| (m,): standard normal where the effect is missing; 0 for an invisible one."""
+        """Normalised scores sᵀr/|s| (m,): standard normal if the effect is missing; 0 for an invisible one."""
         norm = self.norm
         return np.divide(self.score, norm, out=np.zeros_like(norm), where=norm > 0.0)
 
@@ -146,7 +148,7 @@ class Projection:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prior:
-    """Prior of the numbers of a point, without these data: normal, with mean (k,) and precision (k, k)."""
+    """Normal prior of the numbers of a point, with mean (k,) and precision (k, k)."""
 
     mean: Array
     precision: Array
@@ -163,7 +165,7 @@ def prior_of(point: Point) -> Prior:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Linearisation:
-    """The model around a point: what each run leaves, and what each coordinate would change."""
+    """The linear model around a point: the residual of each run, and the change of its outputs by each coordinate."""
 
     point: Point
     prior: Prior
@@ -192,9 +194,9 @@ class Linearisation:
         return self.chi2 + float(away @ self.prior.precision @ away)
 
     def step(self, damping: float = 0.0) -> Array:
-        """Return the step (k,) to the optimum, as Levenberg and Marquardt damp it.
+        """Return the step (k,) to the optimum, with the damping of Levenberg and Marquardt.
 
-        A number that would leave its range goes to the end of it, and the others make the best of that.
+        A number that would leave its range is set to the end of it, and the others are optimised again.
         """
         damped = self.information + damping * np.diag(np.diagonal(self.information))
         ranges = np.array([c.range for c in self.point.coordinates]).reshape(-1, 2)
@@ -209,7 +211,7 @@ class Linearisation:
         return scale * lsq_linear(root.T, right, (low / scale, high / scale), method="bvls").x
 
     def predicted_decrease(self, step: Array) -> float:
-        """Return how much a step would lower the penalised χ² if the model were linear."""
+        """Return the decrease of the penalised χ² by a step of the linear model."""
         return float(2.0 * step @ self.gradient - step @ self.information @ step)
 
     def covariance(self) -> Array:
@@ -217,7 +219,9 @@ class Linearisation:
         return inverse(self.information)
 
     def project(self, extra: Iterable[Columns], workers: int = 1) -> Projection:
-        """Project whitened columns of each run onto what no coordinate can imitate; so many ``workers`` share them."""
+        """Subtract from whitened columns of each run the part that the coordinates can imitate, with ``workers``
+        threads.
+        """
 
         def products(pair: tuple[Block, Columns]) -> tuple[Array, Array, Array]:
             block, further = pair
@@ -237,7 +241,7 @@ class Linearisation:
 
 
 def solve(gram: Array, right: Array) -> Array:
-    """Solve a symmetric, perhaps singular system by eigenvalues of the equilibrated matrix; the unseen stays 0."""
+    """Solve a symmetric, perhaps singular system by eigenvalues of the equilibrated matrix; null directions stay 0."""
     scale, values, vectors = _spectrum(gram)
     keep = values > EIGENVALUE_FLOOR * values.max(initial=0.0)
     basis = vectors[:, keep] / np.sqrt(values[keep])

@@ -1,4 +1,4 @@
-"""The columns of a linearised model: sensitivities by finite differences, whitened, shared where models share them."""
+"""The columns of a linearised model: sensitivities by finite differences, whitened, and shared between models."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def linearise(
     *,
     central: bool = False,
 ) -> Linearisation:
-    """Linearise a model; where ``known`` has the columns of a run's nuisances, they are shared.
+    """Linearise a model. Columns of a run's nuisances are taken from ``known`` if it has them.
 
-    What the same filter has whitened is taken as it is.
+    Columns that the same filter has whitened are not whitened again.
     """
     nuisances, effects = zip(*(_split_places(point, record) for record in replay.records), strict=True)
     shared = [
@@ -60,7 +60,7 @@ def from_quotients(
     residuals: Sequence[Array],
     quotients: Sequence[Columns],
 ) -> Linearisation:
-    """Linearise a model whose quotients by run are there already, under the priors of its parameters."""
+    """Linearise a model from given difference quotients by run, under the priors of its parameters."""
 
     def block(r: int) -> Block:
         run, filter_, columns = replay.runs[r], whiten[r], quotients[r]
@@ -75,7 +75,7 @@ def from_quotients(
 
 
 def _split_places(point: Point, record: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the places of what a record's runs depend on: of the nuisances, and of the effects' own numbers."""
+    """Return the places of the coordinates of a record's runs: of the nuisances, and of the effects."""
     places = point.places_of(record)
     owned = [bool(point.coordinates[i].owner) for i in places]
     return (

@@ -15,8 +15,8 @@ from diagnosis.contracts import Array, DiagnosisError, Hypothesis, Nuisance, Par
 class Coordinate:
     """One free number: a nuisance, or a parameter of an effect or a surface (``owner``); of one ``record`` if set.
 
-    The engine counts it from its nominal value in units of its prior spread, so that all numbers are of one size;
-    ``penalised``: the prior counts as an observation; ``held``: it stays where it is, and has no columns.
+    The engine counts it from its nominal value in units of its prior spread, so that all numbers have a similar size.
+    ``penalised``: the prior counts as an observation. ``held``: it is fixed and has no columns.
     """
 
     parameter: Parameter
@@ -27,13 +27,15 @@ class Coordinate:
 
     @property
     def label(self) -> str:
-        """Return the name for people: ``effect.parameter`` or ``parameter [record]``."""
+        """The display name: ``effect.parameter`` or ``parameter [record]``."""
         name = f"{self.owner}.{self.parameter.name}" if self.owner else self.parameter.name
         return f"{name} [{self.record}]" if self.record else name
 
     @property
     def scale(self) -> float:
-        """The parameter's own units per engine unit: the spread; where that is infinite, a hundred differences."""
+        """The parameter's own units per engine unit: the prior spread, or a hundred difference steps if that is
+        infinite.
+        """
         spread = self.parameter.spread
         scale = spread if 0.0 < spread < math.inf else 100.0 * self.parameter.step
         if not 0.0 < scale < math.inf:
@@ -57,7 +59,7 @@ class Coordinate:
 
     @property
     def weight(self) -> float:
-        """1 where the prior counts as an observation, else 0."""
+        """1 if the prior counts as an observation, else 0."""
         return float(self.penalised and self.parameter.spread < math.inf)
 
     @property
@@ -66,14 +68,14 @@ class Coordinate:
         return self.to_number(self.parameter.low), self.to_number(self.parameter.high)
 
     def to_number(self, value: float) -> float:
-        """Return the engine's number for a value."""
+        """Return a value in engine units."""
         nominal = self.parameter.nominal
         if not self.parameter.logarithmic:
             return (value - nominal) / self.scale
         return math.log(value / nominal) / self.scale if value > 0.0 else -math.inf
 
     def to_value(self, number: float) -> float:
-        """Return the value for a number of the engine."""
+        """Return the value of a number in engine units."""
         nominal = self.parameter.nominal
         if not self.parameter.logarithmic:
             return nominal + number * self.scale
@@ -89,7 +91,7 @@ class Point:
 
     @property
     def owners(self) -> tuple[str, ...]:
-        """Effects and surfaces that are in the model, in the order of their arrival."""
+        """Effects and surfaces of the model, in the order of entry."""
         return tuple(dict.fromkeys(c.owner for c in self.coordinates if c.owner))
 
     def values(self) -> Array:
@@ -97,7 +99,7 @@ class Point:
         return np.array([c.to_value(u) for c, u in zip(self.coordinates, self.numbers, strict=True)])
 
     def parameters(self, record: str) -> dict[str, float]:
-        """Return every nuisance of one record."""
+        """Return the values of all nuisances of one record."""
         pairs = zip(self.coordinates, self.numbers, strict=True)
         return {c.parameter.name: c.to_value(u) for c, u in pairs if not c.owner and c.record in {"", record}}
 
@@ -116,15 +118,15 @@ class Point:
         return [i for i, c in enumerate(self.coordinates) if c.record in {"", record} and not c.held]
 
     def place(self, coordinate: Coordinate) -> int:
-        """Return where a coordinate stands."""
+        """Return the index of a coordinate."""
         return self.coordinates.index(coordinate)
 
     def place_of_amplitude(self, effect: str) -> int:
-        """Return where the amplitude of an effect stands: before whatever else shapes it."""
+        """Return the index of an effect's amplitude, which is before its shapes."""
         return next(i for i, c in enumerate(self.coordinates) if c.owner == effect)
 
     def at(self, numbers: Array) -> Point:
-        """Return the point with other numbers, moved into the range of each."""
+        """Return the point with other numbers, limited to their ranges."""
         low, high = np.array([c.range for c in self.coordinates]).reshape(-1, 2).T
         return replace(self, numbers=np.clip(numbers, low, high))
 
@@ -135,7 +137,7 @@ class Point:
         return Point((*self.coordinates, *further), np.concatenate((self.numbers, numbers)))
 
     def with_records(self, records: Iterable[str]) -> Point:
-        """Return the point with the nuisances of those records that it does not know, at their nominal values."""
+        """Return the point with the nuisances of further records, at their nominal values."""
         known = {c.record for c in self.coordinates}
         fresh = [
             Coordinate(parameter, record=record)
@@ -146,7 +148,7 @@ class Point:
         return self.extended(fresh, [c.parameter.nominal for c in fresh])
 
     def replaced(self, old: str, effect: Hypothesis, source: Point) -> Point:
-        """Return the point with an effect instead of another, with the values that it has in ``source``."""
+        """Return the point with ``effect`` in place of ``old``, with its values in ``source``."""
         values = source.effects()[effect.name]
         coordinates = effect_coordinates(effect)
         return self.without(old).extended(coordinates, [values[c.parameter.name] for c in coordinates])
@@ -182,7 +184,7 @@ def surface_coordinates(surface: Surface) -> tuple[Coordinate, ...]:
 
 
 def neighbour(point: Point, place: int) -> tuple[Point, float]:
-    """Return the point one difference away along a coordinate, inside its range, and the signed distance."""
+    """Return the point at one difference step along a coordinate, inside its range, and the signed distance."""
     coordinate, number = point.coordinates[place], float(point.numbers[place])
     low, high = coordinate.range
     distance = coordinate.difference
@@ -194,7 +196,9 @@ def neighbour(point: Point, place: int) -> tuple[Point, float]:
 
 
 def opposite(point: Point, to: Point, distance: float) -> tuple[Point, float]:
-    """Return the neighbour on the other side and its signed distance; the same one where the range ends before it."""
+    """Return the neighbour on the other side and its signed distance; the same neighbour if the range ends before
+    it.
+    """
     numbers = 2.0 * point.numbers - to.numbers
     low, high = np.array([c.range for c in point.coordinates]).reshape(-1, 2).T
     if ((numbers < low) | (numbers > high)).any():

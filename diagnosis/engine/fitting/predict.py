@@ -1,16 +1,15 @@
-"""How well a fit predicts runs that it has not seen: their log predictive density (lpd).
+"""How well a fit predicts unseen runs: their log predictive density (lpd).
 
 Theory of operation
 -------------------
-A plug-in prediction, with the fitted values alone, punishes a model for what it does not know exactly and loses
-power. So the posterior of the fit, a normal distribution by Laplace's approximation, is the prior of the prediction:
-shared parameters may move as far as the fit left them uncertain, and those that belong to a new record alone (an
-initial pressure) start from their own priors. They are fitted to the new runs and integrated out: the lpd is minus half
-the penalised χ² plus half the logarithm of det(information before) / det(information after), up to a constant of the
-noise.
+A prediction with the fitted values alone ignores their uncertainty, and the test loses power. So the posterior of the
+fit, a normal distribution by Laplace's approximation, is the prior of the prediction: shared parameters may move within
+their uncertainty, and parameters of a new record (an initial pressure) have their own priors. All are fitted to the new
+runs and integrated out: the lpd is minus half the penalised χ² plus half the logarithm of det(information before) /
+det(information after), up to a constant of the noise.
 
-A prediction with the fitted numbers alone holds the shared ones where they are. Then it needs the columns of nothing
-but what the new records have of their own: a fifth of the simulations.
+A ``fixed`` prediction keeps the fitted shared numbers. It needs columns only for the parameters of the new records: a
+fifth of the simulations.
 """
 
 from __future__ import annotations
@@ -30,9 +29,9 @@ from diagnosis.engine.fitting.replay import Replay
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """What a fitted model says of runs that it was not fitted to, once their own nuisances are found.
+    """The prediction of a fitted model for unseen runs, after a fit of their own nuisances.
 
-    ``lpd`` is the log density of the data up to a constant of the noise; ``outputs`` (n, c) of each run.
+    ``lpd`` is the log density of the data up to a constant of the noise; ``outputs`` (n, c) are those of each run.
     """
 
     replay: Replay
@@ -48,9 +47,9 @@ def predict(
     *,
     fixed: bool = False,
 ) -> Prediction:
-    """State what a fitted model predicts of other runs, with all its uncertainty, or with its numbers ``fixed``.
+    """Predict other runs with a fitted model, with all its uncertainty, or with its numbers ``fixed``.
 
-    What the fit knows of the shared numbers is their prior now; those of each new record are found and marginalised by
+    The posterior of the shared numbers is their prior. The numbers of each new record are fitted and marginalised by
     Laplace's approximation. ``known`` may hold columns of the nuisances for these runs.
     """
     point, prior = transferred(fitted, fitted.replay.of(runs), fixed)
@@ -62,14 +61,14 @@ def predict(
 
 
 def of_fit(fitted: FittedModel) -> Prediction:
-    """Return what a fitted model says of the runs that it was fitted to."""
+    """Return the prediction of a fitted model for the runs that it was fitted to."""
     return Prediction(fitted.replay, np.nan, fitted.predictions, fitted.linearisation)
 
 
 def transferred(fitted: FittedModel, replay: Replay, fixed: bool) -> tuple[Point, Prior]:
     """Return the fitted point with the new records' own nuisances, and the prior of all its numbers.
 
-    The shared ones, among which are those of a record of which parts were fitted, are held if they are ``fixed``.
+    Shared numbers are held if they are ``fixed``; these include numbers of a record with fitted parts.
     """
     old = fitted.point
     there = {"", *replay.records}
@@ -87,7 +86,7 @@ def transferred(fitted: FittedModel, replay: Replay, fixed: bool) -> tuple[Point
 
 
 def _known(fitted: FittedModel, shared: Sequence[int]) -> Array:
-    """Return the precision (k, k) that a fit leaves of its ``shared`` numbers once the others are integrated out."""
+    """Return the precision (k, k) of the ``shared`` numbers of a fit, with the others integrated out."""
     others = [i for i in range(len(fitted.point.numbers)) if i not in set(shared)]
     information = fitted.linearisation.information / fitted.noise.dispersion
     known: Array = information[np.ix_(shared, shared)] - information[np.ix_(shared, others)] @ solve(

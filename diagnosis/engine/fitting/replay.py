@@ -23,7 +23,9 @@ Out = TypeVar("Out")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Base:
-    """A ``point`` where differences begin: ``predictions`` (n, c) of each run, and its ``rough`` outputs, if any."""
+    """The ``point`` of a difference: ``predictions`` (n, c) of each run, and its approximate outputs, if any
+    (``rough``).
+    """
 
     point: Point
     predictions: Sequence[Array]
@@ -32,10 +34,10 @@ class Base:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replay:
-    """A simulator with the runs it replays. ``workers`` threads share the simulations; the order is always the same.
+    """A simulator with the runs it replays. ``workers`` threads share the simulations; the results keep their order.
 
-    All results are given per run: predictions are (n, c), sensitivities the packed columns of what that run depends on.
-    Those are differences, which single precision holds to far more digits than they are right.
+    All results are per run: predictions are (n, c), sensitivities are the packed columns of the run's coordinates.
+    Columns are differences, whose errors are far larger than those of single precision.
     """
 
     simulator: CompleteSimulator
@@ -57,7 +59,7 @@ class Replay:
 
     @property
     def records(self) -> tuple[str, ...]:
-        """The record of each run: runs that are parts of one share its nuisances."""
+        """The record of each run. Parts of one record share its nuisances."""
         return tuple(run.experiment.record for run in self.runs)
 
     def of(self, runs: Iterable[MeasuredRun]) -> Replay:
@@ -71,7 +73,7 @@ class Replay:
         return [found[r] for r in range(len(self.runs))]
 
     def residuals(self, predictions: Sequence[Array]) -> list[Array]:
-        """Return measured minus predicted, (n, c) of each run; NaN where nothing counts."""
+        """Return measured minus predicted values, (n, c) of each run; NaN where a sample does not count."""
         return [
             np.where(run.scored[:, None], run.outputs - predicted, np.nan)
             for run, predicted in zip(self.runs, predictions, strict=True)
@@ -87,9 +89,9 @@ class Replay:
     ) -> list[Columns]:
         """Return ∂y/∂u of each run to its coordinates at ``places``, or to all that it depends on.
 
-        To the numbers of effects differences are one-sided; ``central`` ones cost twice as much and have no error of
-        first order. Those to the nuisances are central and steady: every result on an effect is a remainder after
-        projection on them (`diagnosis.engine.fitting.steady`).
+        Differences for the numbers of effects are one-sided. ``central`` ones take twice as long and have no error of
+        first order. Differences for the nuisances are always central and checked for jumps, because every result on an
+        effect is a remainder after projection on them (`diagnosis.engine.fitting.steady`).
         """
         wanted = [point.places_of(record) for record in self.records] if places is None else places
         kept = [[not point.coordinates[i].owner for i in own] for own in wanted]
@@ -116,7 +118,9 @@ class Replay:
         return [mean(mine, again) for mine, again in zip(twice, spoilt, strict=True)]
 
     def base(self, point: Point, predictions: Sequence[Array], counts: Sequence[int]) -> Base:
-        """Return the base of differences; runs with many of them (``counts``) get a separate rough simulation."""
+        """Return the base of differences. Runs with many differences (``counts``) also get an approximate
+        simulation.
+        """
         rough: list[Array | None] = [None] * len(self.runs)
         worth = [(r, point) for r, count in enumerate(counts) if count >= LEAST_ROUGH]
 
@@ -127,10 +131,10 @@ class Replay:
         return Base(point, predictions, rough)
 
     def differences(self, base: Base, steps: Sequence[Sequence[tuple[Point, float] | None]]) -> list[Columns]:
-        """Return the difference quotients of each run to its own k points at signed distances, 0 to None.
+        """Return the difference quotients of each run to its own k points at signed distances; 0 for None.
 
-        Both outputs are rough, or neither is; neither if the points differ in a number that rough outputs cannot
-        resolve.
+        Both outputs of a quotient are approximate, or both are exact. They are exact if the points differ in a number
+        that approximate outputs cannot resolve.
         """
         columns = [
             ColumnsInWork(packing_of(run), len(own)) for run, own in zip(self.runs, steps, strict=True)
@@ -158,7 +162,7 @@ class Replay:
         return [of_run.done() for of_run in columns]
 
     def _too_alike(self, base: Point, to: Point) -> bool:
-        """Return whether a point, perhaps a larger one, differs from a base where rough outputs cannot resolve it."""
+        """Return whether a point differs from the base in a number that approximate outputs cannot resolve."""
         known = len(base.numbers)
         moved = np.flatnonzero(to.numbers[:known] != base.numbers)
         further = (*(to.coordinates[i] for i in moved), *to.coordinates[known:])
@@ -170,7 +174,9 @@ class Replay:
         use: Callable[[int, Out], None],
         run: Callable[[Sequence[Job]], Iterator[Out]],
     ) -> None:
-        """Simulate runs at points; ``use`` gets outputs by the index of their place, from any thread, in any order."""
+        """Simulate runs at points; call ``use`` with the index of each place and its outputs, from any thread, in any
+        order.
+        """
         jobs = [self._job(self.runs[r], point) for r, point in places]
         size = max(self.simulator.least_batch, min(MOST_BATCH, ceil(len(jobs) / self.workers)))
 

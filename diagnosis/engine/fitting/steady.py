@@ -1,20 +1,19 @@
-"""Difference quotients of a model that jumps: of several, the two that agree.
+"""Difference quotients of a model that jumps: use the two that agree best.
 
 Theory of operation
 -------------------
-Friction remembers where it turned. A small step of a parameter can make a turn come or go, and forces then differ by
-newtons until the next large motion wipes that out: divided by the step, a column that has little to do with the
-derivative.
+Friction remembers its points of reversal. A small step of a parameter can add or remove a reversal. Then forces differ
+by newtons until the next large motion, and the difference divided by the step is not the derivative.
 
-Every score and every fit of an effect is what the nuisances leave of it. One spoilt column among those of the
-nuisances, say of a spring's effective area in one run, takes the place of the true one, and everything that resembles
-the true one is accused: gauges, gains, volumes. So the nuisances have differences on both sides. They are apart by the
-curvature of the model, which is small, or by a jump. Where they are apart by more than ``SPOILT``, those of half the
-step are made as well, and of all four the two that are nearest to each other count.
+Every score and every fit of an effect is a remainder after projection on the nuisances. If one column of the nuisances
+is wrong, for example that of a spring's effective area in one run, effects similar to the true column score: gauges,
+gains, volumes. So the nuisances have differences on both sides. The two differ by the curvature of the model, which is
+small, or by a jump. If they differ by more than ``SPOILT``, differences with half the step are computed as well, and
+the two of the four that agree best are used.
 
-The footprint of a candidate has one step. A score that exceeds the threshold may do so by a jump, where the bench
-turned and the model did not: such a footprint is made again with shorter steps (`footprints.confirmed`). A jump within
-all of the steps stays.
+The footprint of a candidate has one step. A score above the threshold may come from a jump, if the bench reversed and
+the model did not. Such a footprint is computed again with shorter steps (`footprints.confirmed`). A jump within all of
+the steps is not found.
 """
 
 from __future__ import annotations
@@ -33,10 +32,9 @@ Step = tuple[Point, float]
 
 
 def steady(parts: Sequence[Columns], weights: Array, spoilt: NDArray[np.bool_], errors: Array) -> Columns:
-    """Return k quotients, each the mean of several ``parts`` by its ``weights`` (p, k).
+    """Return k quotients, each the mean of several ``parts`` with ``weights`` (p, k).
 
-    Of those that are ``spoilt`` (k,) the two parts that are nearest to each other count. Channels are as large as their
-    ``errors`` (c,).
+    For ``spoilt`` (k,) quotients the two parts that agree best are used. Channels are scaled by ``errors`` (c,).
     """
     if spoilt.any():
         pairs = list(combinations(range(len(parts)), 2))
@@ -53,7 +51,7 @@ def chosen(
     places: Sequence[Sequence[int]],
     which: Sequence[Sequence[bool] | NDArray[np.bool_]],
 ) -> list[list[Step | None]]:
-    """Return each run's steps along its ``places``, None where they are not asked for."""
+    """Return each run's steps along its ``places``, None where ``which`` is False."""
     return [
         [steps[i] if mine else None for i, mine in zip(own, asked, strict=True)]
         for own, asked in zip(places, which, strict=True)
@@ -61,7 +59,7 @@ def chosen(
 
 
 def root_mean_squares(residuals: Sequence[Array]) -> Array:
-    """Return the root mean square of each channel (c,) over all runs; 1 where nothing counts or nothing is left."""
+    """Return the root mean square of each channel (c,) over all runs; 1 if no sample counts or all are 0."""
     both = np.concatenate(residuals)
     counted = np.isfinite(both)
     square = np.sum(np.where(counted, both, 0.0) ** 2, axis=0) / np.maximum(counted.sum(axis=0), 1)

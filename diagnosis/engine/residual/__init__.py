@@ -1,1 +1,1 @@
-"""Step 1, the residual: what is wrong with a fitted model, and where, without a name for the cause."""
+"""Step 1, the residual: the errors of a fitted model and where they occur, without a name for the cause."""

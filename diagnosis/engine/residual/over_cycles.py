@@ -1,4 +1,4 @@
-"""Tests of a residual on what a test engineer draws: loops, their loss per cycle, and what happens in a hold."""
+"""Tests of a residual in loops: their shape, their loss per cycle, and the error in a hold."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from diagnosis.finding import Figure, Series
 
 
 def loss(residuals: Residuals, c: int) -> Evidence | NotApplicable:
-    """Loss per cycle W = ∮ y du, measured less predicted, with Student's t over the cycles of a stretch.
+    """Test the loss per cycle W = ∮ y du, measured minus predicted, with Student's t over the cycles of a stretch.
 
-    How it grows reports the mechanism: A² f viscous, A² with a maximum in f Maxwell, heat or orifice, A and flat in f
-    Coulomb or Berg.
+    Its growth shows the mechanism: A² f viscous, A² with a maximum in f Maxwell, heat or orifice, A without f Coulomb
+    or Berg.
     """
     if residuals.channels[c].kind not in {"force", "pressure"}:
         return NotApplicable("the channel is neither a force nor a pressure")
@@ -56,13 +56,13 @@ def loss(residuals: Residuals, c: int) -> Evidence | NotApplicable:
 
 
 def _followed(residuals: Residuals, c: int) -> list[Swing]:
-    """The stretches of the input that the channel follows there, with at least three cycles that are all known."""
+    """Return the stretches of the input that the channel follows best, with at least three fully measured cycles."""
     chosen = [s for s in residuals.swings if residuals.partner(c, s.start, s.stop) == s.signal]
     return [s for s in chosen if _losses(residuals, c, s).size >= LEAST_CYCLES]
 
 
 def _losses(residuals: Residuals, c: int, swing: Swing) -> Array:
-    """∮ e du (cycles,) over each cycle that is mostly known."""
+    """Return ∮ e du (cycles,) over each cycle that is mostly measured."""
     e, u = residuals.residual[:, c], residuals.inputs[swing.signal]
     cycles = []
     for a, b in pairwise(swing.edges):
@@ -75,14 +75,14 @@ def _losses(residuals: Residuals, c: int, swing: Swing) -> Array:
 
 
 def _against_zero(values: Array) -> tuple[float, float]:
-    """p and t of a mean that should be 0."""
+    """Return p and t for the hypothesis that the mean is 0."""
     error = float(values.std(ddof=1)) / np.sqrt(values.size)
     t = float(values.mean()) / error if error > 0.0 else 0.0
     return p_of_t(t, values.size - 1), t
 
 
 def _law(sure: list[tuple[Swing, float]]) -> tuple[str, str]:
-    """How the loss grows with amplitude and frequency, |W| ~ Aᵃ fᵇ, and what that points to."""
+    """Return how the loss grows with amplitude and frequency, |W| ~ Aᵃ fᵇ, and the mechanisms that it indicates."""
     anything = "friction, viscous or Maxwell loss, heat, orifice"
     if len({s.signal for s, _ in sure}) != 1 or len(sure) < 3:
         return "", anything
@@ -108,7 +108,7 @@ def _law(sure: list[tuple[Swing, float]]) -> tuple[str, str]:
 
 
 def quasi_static(residuals: Residuals, c: int) -> Evidence | NotApplicable:
-    """The width of the error's loop at two low speeds: the same at both for friction, growing for a Maxwell branch."""
+    """Test the width of the error's loop at two low speeds: equal for friction, growing for a Maxwell branch."""
     if residuals.channels[c].kind != "force":
         return NotApplicable("the channel is not a force")
     slow = sorted(
@@ -160,7 +160,7 @@ def _loop(residuals: Residuals, c: int, swing: Swing, channel: Channel) -> Serie
 
 
 def settles(residuals: Residuals, c: int) -> Evidence | NotApplicable:
-    """The error in a hold: a straight line, or an exponential that stops."""
+    """Test the error in a hold: a straight line, or an exponential that settles."""
     white = residuals.whitened[:, c]
     holds = [h for h in residuals.holds if np.isfinite(white[h.start : h.stop]).sum() > LEAST_OF_A_HOLD]
     if not holds:
@@ -193,7 +193,7 @@ def settles(residuals: Residuals, c: int) -> Evidence | NotApplicable:
 
 
 def _in_hold(white: Array, hold: Hold, step: float, tau: float) -> tuple[float, float, float]:
-    """p, χ² and τ of an exponential (of a line, where τ = 0) beyond a constant."""
+    """Return p, χ² and τ of an exponential (τ = 0: of a line) in addition to a constant."""
     y = white[hold.start : hold.stop]
     known = np.isfinite(y)
     time = step * np.arange(y.size)

@@ -1,4 +1,4 @@
-"""Tests of a residual against the inputs: whether it follows them, oddly or evenly, or lies on a surface over them."""
+"""Tests of a residual against the inputs: odd and even dependence, and surfaces over two states."""
 
 from __future__ import annotations
 
@@ -28,10 +28,11 @@ FIRST_HARMONICS = {"even": (2, 4, 6), "odd": (3, 5, 7)}
 
 
 def follows(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicable]:
-    """Regression of the error on an input: linear (u, u̇), and beyond that even (u², u u̇) and odd (sgn u̇, u³).
+    """Test the regression of the error on an input: linear (u, u̇), and beyond that even (u², u u̇) and odd (sgn u̇,
+    u³).
 
-    A drift in time is taken out first.  Each kind comes with its slope, so that a whitening filter, which turns
-    phases, does not hide it.
+    A drift in time is subtracted first. Each regressor comes with its slope, so that the phase shift of a whitening
+    filter does not hide it.
     """
 
     def test(residuals: Residuals, c: int) -> Evidence | NotApplicable:
@@ -85,9 +86,9 @@ def _over_input(residuals: Residuals, c: int, name: str) -> Figure:
 
 
 def rings(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicable]:
-    """Harmonics of the error while an input is a sine: even ones (2, 4, 6) or odd ones (3, 5, 7).
+    """Test the harmonics of the error while an input is a sine: even ones (2, 4, 6) or odd ones (3, 5, 7).
 
-    What the error has in common with the measured input, its harmonics included, is taken out first.
+    The part that correlates with the measured input, including its harmonics, is subtracted first.
     """
 
     def test(residuals: Residuals, c: int) -> Evidence | NotApplicable:
@@ -119,7 +120,7 @@ def rings(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicable
 
 
 def distinct(swings: Sequence[Swing]) -> list[Swing]:
-    """One of all swings that several inputs make together."""
+    """Return swings without duplicates: one swing if several inputs move together."""
     kept: list[Swing] = []
     for swing in swings:
         period = (swing.stop - swing.start) / (len(swing.edges) - 1)
@@ -134,7 +135,7 @@ def distinct(swings: Sequence[Swing]) -> list[Swing]:
 
 
 def _ringing(residuals: Residuals, c: int, sine: Swing, orders: tuple[int, ...]) -> tuple[float, int]:
-    """χ² of some harmonics of the error, and its degrees of freedom."""
+    """Return χ² of some harmonics of the error, and its degrees of freedom."""
     inside = slice(sine.start, sine.stop)
     known = np.isfinite(residuals.whitened[inside, c])
     n, u = sine.stop - sine.start, residuals.inputs[sine.signal][inside]
@@ -176,7 +177,9 @@ def _spectrum(residuals: Residuals, c: int, sine: Swing) -> Figure:
 
 
 def velocity_surface(residuals: Residuals, c: int) -> Evidence | NotApplicable:
-    """Restoring-force surface of the error r(x, v), by Masri and Caughey (1979): means over an input and its slope."""
+    """Test the restoring-force surface of the error r(x, v), by Masri and Caughey (1979): means over an input and its
+    slope.
+    """
     name = residuals.partner(c)
     if not name:
         return NotApplicable("no input changes")
@@ -191,7 +194,7 @@ def velocity_surface(residuals: Residuals, c: int) -> Evidence | NotApplicable:
 
 
 def pressure_surface(residuals: Residuals, c: int) -> Evidence | NotApplicable:
-    """Surface of the error r(x, p) over an input and the predicted pressure that the channel follows best."""
+    """Test the surface of the error r(x, p) over an input and the predicted pressure that the channel follows best."""
     pressures = [i for i, channel in enumerate(residuals.channels) if channel.kind == "pressure"]
     name = residuals.partner(c)
     if not pressures or not name:
@@ -257,6 +260,6 @@ def _surface(
 
 
 def _quantile_bin(values: Array) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    """Which of SURFACE_BINS equally filled bins each value lies in."""
+    """Return the index of the bin of each value, for SURFACE_BINS equally filled bins."""
     edges = np.quantile(values, np.linspace(0.0, 1.0, SURFACE_BINS + 1)[1:-1])
     return np.searchsorted(edges, values).astype(np.int64)

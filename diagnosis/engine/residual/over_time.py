@@ -1,4 +1,4 @@
-"""Tests on a residual alone: how large it is in which band, whether it is correlated in time, whether it drifts."""
+"""Tests of a residual alone: size by frequency band, correlation in time, drift."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BANDS_HZ = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 5
 
 
 def size(residuals: Residuals, c: int) -> Evidence | NotApplicable:
-    """Pure-error ratio χ²/N in bands of frequency: the power of the whitened error over that of the noise."""
+    """Test the ratio χ²/N in frequency bands: power of the whitened error over that of the noise."""
     white = residuals.whitened[:, c]
     known = np.isfinite(white)
     n = int(known.sum())
@@ -51,7 +51,7 @@ def size(residuals: Residuals, c: int) -> Evidence | NotApplicable:
 
 
 def memory(residuals: Residuals, c: int) -> Evidence | NotApplicable:
-    """Ljung and Box: Q = Σ n_h ρ_h² over the first lags, in a form that tolerates gaps."""
+    """Test the autocorrelation by Ljung and Box, Q = Σ n_h ρ_h² over the first lags, in a form that tolerates gaps."""
     white = residuals.whitened[:, c]
     known = np.isfinite(white)
     n = int(known.sum())
@@ -84,14 +84,14 @@ def memory(residuals: Residuals, c: int) -> Evidence | NotApplicable:
 
 
 def _self_products(values: Array, lags: int) -> Array:
-    """Σ v_t v_{t+h} (lags,) for h = 1, 2, …."""
+    """Return Σ v_t v_{t+h} (lags,) for h = 1, 2, …."""
     return np.array([values[:-h] @ values[h:] for h in range(1, lags + 1)])
 
 
 def drift(residuals: Residuals, c: int) -> Evidence | NotApplicable:
-    """Means of blocks at three scales: z_b = Σ e/√n, whose squares sum to χ².
+    """Test the means of blocks at three scales: z_b = Σ e/√n, whose squares sum to χ².
 
-    What follows the input is taken out first, or the means of slow cycles would look like a drift.
+    The part that follows the input is subtracted first, because means of slow cycles would look like a drift.
     """
     if int(np.isfinite(residuals.whitened[:, c]).sum()) < LEAST_SAMPLES:
         return NotApplicable("too few samples")
@@ -128,7 +128,7 @@ def drift(residuals: Residuals, c: int) -> Evidence | NotApplicable:
 
 
 def _unmoved(residuals: Residuals, c: int, values: Array) -> Array:
-    """Values (n,) without what follows the input that the channel follows best."""
+    """Return values (n,) without the part that follows the input which the channel follows best."""
     name = residuals.partner(c)
     if not name:
         return values
@@ -139,7 +139,7 @@ def _unmoved(residuals: Residuals, c: int, values: Array) -> Array:
 
 
 def _blocks(values: Array, blocks: int) -> tuple[Array, Array]:
-    """Sums and counts (blocks,) of finite values in equal stretches of a run."""
+    """Return sums and counts (blocks,) of finite values in equal stretches of a run."""
     starts = (np.arange(blocks) * values.size) // blocks
     return (
         np.add.reduceat(np.nan_to_num(values), starts),

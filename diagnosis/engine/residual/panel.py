@@ -1,17 +1,16 @@
-"""Step 1, the residual panel: what is wrong with the base model, and where, without a name for the cause.
+"""Step 1, the residual panel: the errors of the base model and where they occur, without a name for the cause.
 
 Theory of operation
 -------------------
-The measured motion drives the model; measured less predicted is the residual. Every test looks at it in one run and
-one channel with no cause in mind: its size against the noise in bands of frequency, its memory, its drift
-(`over_time.py`); what it has in common with the inputs, oddly or evenly, and whether it lies on a surface over two
-states (`over_inputs.py`); loss per cycle, loops and holds (`over_cycles.py`); combinations of channels that one
-subsystem alone can move (`parity.py`). Each returns a statistic with its p-value, a sentence and a figure, or why it
-does not apply.
+The measured motion drives the model; the residual is measured minus predicted. Every test examines one channel in one
+run, without an assumed cause: size against the noise in frequency bands, autocorrelation, drift (`over_time.py`); odd
+and even dependence on the inputs, and surfaces over two states (`over_inputs.py`); loss per cycle, loops and holds
+(`over_cycles.py`); combinations of channels that only one subsystem can change (`parity.py`). Each returns a statistic
+with its p-value, a sentence and a figure, or why it does not apply.
 
-A row reports of the run in which its test says most, its p-value multiplied by the number of runs. Over the whole
-panel, Benjamini and Hochberg's procedure bounds the part of false rows among the significant ones. The panel shows
-*that* something is wrong. It names nothing, and nothing in the later steps depends on it.
+A row is for the run with the most significant result of its test; the p-value is multiplied by the number of runs. Over
+the whole panel, the procedure of Benjamini and Hochberg limits the share of false rows among the significant ones. The
+panel shows *that* the model has errors. It names no cause, and no later step uses it.
 """
 
 from __future__ import annotations
@@ -50,10 +49,10 @@ TESTS: Final[tuple[tuple[str, str, Test], ...]] = (
 
 
 def panel(model: FittedModel, *, seed: int = 0, alpha: float = 0.01) -> list[PanelRow]:
-    """Every test on every channel of a fitted model, and on the parity signals of its simulator.
+    """Return every test on every channel of a fitted model, and on the parity signals of its simulator.
 
-    Each row reports of the run in which the test says most, with a p-value that counts the runs that were looked at.
-    ``significant``: false among those are at most a part ``alpha``, by Benjamini and Hochberg (1995).
+    Each row is for the run with the most significant result; its p-value counts all tested runs. Among the
+    ``significant`` rows at most a share ``alpha`` is false, by Benjamini and Hochberg (1995).
     """
     runs = [
         residuals_of(
@@ -115,7 +114,7 @@ def _row(
 
 
 def judged(rows: Sequence[PanelRow], alpha: float) -> list[PanelRow]:
-    """The rows with their q-values; of each test the clearest significant row keeps its figure."""
+    """Return the rows with their q-values. Of each test only the clearest significant row keeps its figure."""
     tested = [i for i, row in enumerate(rows) if row.p is not None]
     q = benjamini_hochberg(np.array([rows[i].p for i in tested], dtype=np.float64))
     result, drawn = list(rows), set()
@@ -134,7 +133,7 @@ def judged(rows: Sequence[PanelRow], alpha: float) -> list[PanelRow]:
 
 
 def benjamini_hochberg(p: Array) -> Array:
-    """The q-values (m,) of p-values (m,): rejecting all q < α keeps the expected part of false ones below α."""
+    """Return the q-values (m,) of p-values (m,): rejecting all q < α keeps the expected share of false ones below α."""
     order = np.argsort(p)
     stepped = p[order] * p.size / np.arange(1, p.size + 1)
     q = np.empty_like(p)

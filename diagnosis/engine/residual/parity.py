@@ -1,4 +1,4 @@
-"""Parity signals: combinations of outputs that isolate a subsystem, where a simulator knows any."""
+"""Parity signals: combinations of outputs that isolate a subsystem, if the simulator has any."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from diagnosis.finding import Figure, Series
 def parities(
     residuals: Residuals, noise: Noise, source: CompleteSimulator, seed: int
 ) -> dict[str, Evidence | NotApplicable]:
-    """Each parity signal of the measured outputs less that of the predicted ones, as means of blocks.
+    """Test each parity signal, measured minus predicted, by means of blocks.
 
-    Its noise is that of the channels, drawn and sent through the same combination; F compares the two.
+    Its noise is drawn from that of the channels and passed through the same combination; F compares the two.
     """
     known = np.isfinite(residuals.residual)
     predicted = np.where(known, residuals.predicted, np.nan)
@@ -63,7 +63,7 @@ def _against_chance(
 
 
 def _means(values: Array) -> tuple[Array, Array]:
-    """Means of the blocks in which anything is known, and the samples in their middle."""
+    """Return the means of the blocks with any measured sample, and the samples in their middle."""
     starts = (np.arange(PARITY_BLOCKS + 1) * values.size) // PARITY_BLOCKS
     inside = [
         (float(np.nanmean(values[a:b])), 0.5 * (a + b))
@@ -75,7 +75,7 @@ def _means(values: Array) -> tuple[Array, Array]:
 
 
 def draw(noise: Noise, n: int, rng: np.random.Generator) -> Array:
-    """Noise (n, c) as the channels have it."""
+    """Return random noise (n, c) of the channels."""
     return np.column_stack([_draw(channel, n, rng) for channel in noise.channels])
 
 

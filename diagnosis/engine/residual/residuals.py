@@ -1,4 +1,4 @@
-"""The residuals of one run: measured less predicted, the same whitened, and what the inputs do meanwhile."""
+"""The residuals of one run: measured minus predicted, the same whitened, and the motions of the inputs."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from diagnosis.finding import Figure
 class Residuals:
     """Residuals of one run: ``residual`` (n, c) in SI, ``whitened`` (n, c) with unit variance, NaN if not counted.
 
-    ``inputs`` are those that move; ``swings`` and ``holds`` their motions and pauses. Common results of several tests
-    are made once.
+    ``inputs`` are those that move; ``swings`` and ``holds`` are their motions and pauses. Results that several tests
+    use are cached.
     """
 
     experiment: Experiment
@@ -47,7 +47,7 @@ class Residuals:
         return {name: _regressors(u, self.step) for name, u in self.inputs.items()}
 
     def partner(self, c: int, start: int = 0, stop: int | None = None) -> str:
-        """The input that a channel follows best, by its correlation with value and slope; "" where none moves."""
+        """Return the input that a channel follows best, by its correlation with value and slope; "" if none moves."""
         if (start, stop) not in self._partners:
             self._partners[start, stop] = self._follow(slice(start, stop))
         return self._partners[start, stop][c]
@@ -80,7 +80,9 @@ def _regressors(u: Array, step: float) -> Array:
 def residuals_of(
     experiment: Experiment, channels: tuple[Channel, ...], measured: Array, predicted: Array, white: Array
 ) -> Residuals:
-    """Residuals from outputs (n, c) and whitened residuals (n, c), which are NaN or exactly 0 where nothing counts."""
+    """Return residuals from outputs (n, c) and whitened residuals (n, c). The latter are NaN or exactly 0 if not
+    counted.
+    """
     counts = np.isfinite(white) & (white != 0.0) & np.isfinite(measured)
     inputs = moving(experiment)
     return Residuals(
@@ -98,7 +100,7 @@ def residuals_of(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """Result of one test for one channel in one run; ``p`` counts everything that the test looked at."""
+    """Result of one test for one channel in one run; ``p`` includes the number of comparisons in the test."""
 
     statistic: float
     p: float
@@ -109,22 +111,23 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class NotApplicable:
-    """Why a test does not apply to a channel or a run."""
+    """The reason why a test does not apply to a channel or a run."""
 
     why: str
 
 
 def wald(columns: Array, y: Array, tested: slice) -> tuple[float, int]:
-    """χ² and its degrees of freedom of some columns (n, k) beyond the others, for y (n,) of unit variance.
+    """Return χ² and its degrees of freedom of the ``tested`` columns (n, k) beyond the others, for y (n,) of unit
+    variance.
 
-    Columns that the others contain lose their degree of freedom.
+    Columns that are combinations of the others lose their degree of freedom.
     """
     explained, freedom = _explained(columns, y[:, np.newaxis], tested)
     return float(explained[0]), freedom
 
 
 def _explained(columns: Array, y: Array, tested: slice) -> tuple[Array, int]:
-    """As `wald`, for several y (n, c) at once."""
+    """Return the result of `wald` for several y (n, c) at once."""
     norm = np.sqrt(np.einsum("nk,nk->k", columns, columns))
     scaled = columns / np.where(norm > 0.0, norm, 1.0)
     base = _basis(np.delete(scaled, np.arange(columns.shape[1])[tested], axis=1))
@@ -134,7 +137,7 @@ def _explained(columns: Array, y: Array, tested: slice) -> tuple[Array, int]:
 
 
 def _basis(columns: Array) -> Array:
-    """An orthonormal basis (n, rank) of columns of at most unit norm."""
+    """Return an orthonormal basis (n, rank) of columns with at most unit norm."""
     values, vectors = np.linalg.eigh(columns.T @ columns)
     kept = values > 1e-10
     basis: Array = columns @ (vectors[:, kept] / np.sqrt(values[kept]))

@@ -1,4 +1,4 @@
-"""Stretches of a run in which an input does something simple: swings with one amplitude and period, or holds still."""
+"""Stretches of a run with a simple motion of an input: swings with one amplitude and period, or holds."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ Samples = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Swing:
-    """Equal cycles of one input: samples ``edges[i]`` to ``edges[i + 1]`` make a cycle, risen through the mean.
+    """Equal cycles of one input: samples ``edges[i]`` to ``edges[i + 1]`` are one cycle, between upward crossings of
+    the middle.
 
-    ``amplitude`` is half the swing; ``sine`` says whether it is a sine or, for instance, a triangle.
+    ``amplitude`` is half the peak-to-peak value; ``sine`` is False for other forms, for example a triangle.
     """
 
     signal: str
@@ -50,7 +51,7 @@ class Hold:
 
 
 def moving(experiment: Experiment) -> dict[str, Array]:
-    """The inputs (n,) that move at all in a run."""
+    """Return the inputs (n,) that move in a run."""
     return {
         name: values
         for name, values in experiment.inputs.items()
@@ -59,10 +60,10 @@ def moving(experiment: Experiment) -> dict[str, Array]:
 
 
 def swings(experiment: Experiment, signal: str) -> list[Swing]:
-    """The stretches of at least three equal cycles in an input.
+    """Return the stretches of at least three equal cycles in an input.
 
-    A cycle begins where the input rises through its own middle swing.  Cycles belong together while period
-    and swing stay within 5 % of those of the first.
+    A cycle begins where the input rises through the middle of its swing. Cycles belong together while period and swing
+    stay within 5 % of those of the first.
     """
     u = experiment.inputs[signal]
     found: list[Swing] = []
@@ -89,9 +90,9 @@ def swings(experiment: Experiment, signal: str) -> list[Swing]:
 
 
 def _risings(u: Array) -> Samples:
-    """Samples at which the input rises through the middle between a trough and the next crest.
+    """Return the samples at which the input rises through the middle between a trough and the next crest.
 
-    Crests and troughs that stand out by less than 2 % of the range are noise.
+    Crests and troughs with a prominence below 2 % of the range are noise.
     """
     least = 0.02 * float(np.ptp(u))
     crests, troughs = (find_peaks(side, prominence=least)[0] for side in (u, -u))
@@ -127,13 +128,13 @@ def _swing(experiment: Experiment, signal: str, edges: Samples) -> Swing:
 
 
 def harmonics(n: int, step: float, frequency: float, order: int) -> Array:
-    """Cosine and sine (n, 2) of one harmonic of a frequency in Hz."""
+    """Return cosine and sine (n, 2) of one harmonic of a frequency in Hz."""
     phase = 2.0 * np.pi * order * frequency * step * np.arange(n)
     return np.column_stack((np.cos(phase), np.sin(phase)))
 
 
 def holds(experiment: Experiment) -> list[Hold]:
-    """The stretches of at least 5 s in which no input leaves 1 % of the range that it has in the run."""
+    """Return the stretches of at least 5 s in which no input moves by more than 1 % of its range in the run."""
     n = experiment.time.size
     still = np.ones(n, dtype=bool)
     window = max(2, round(0.5 / experiment.step))

@@ -1,15 +1,15 @@
-"""Many jobs of the bench at once: springs are integrated in lanes, and each only once however many jobs need it.
+"""Many jobs of the bench at once: springs are integrated in parallel lanes, and each different spring only once.
 
 Theory of operation
 -------------------
-The sides of the bench meet only in its readings, so a job that differs from another in one spring shares the other's
-trajectory, and one that differs in sensors alone, or in forces that follow from motion and pressure, shares both.
-What differs is not determined by names: two springs are one if everything that their integration depends on is equal
-bit by bit (`bench_sim.model.lanes.springs.key_of`).
+The two sides of the bench are independent except for the readings. So two jobs that differ in one spring share the
+trajectory of the other one. Jobs that differ only in sensors, or in forces that follow from motion and pressure, share
+both. Two springs count as the same if all inputs of their integration are equal bit by bit
+(`bench_sim.model.lanes.springs.key_of`).
 
-Where air passes between the sides, both springs of a job are integrated together. A differential pressure valve that is
-connected may stay shut, which shows when both have been integrated. Once it has opened for one job of a run, the others
-of that run are not tried apart: together their springs do the same bit by bit, if it stays shut for them.
+If air flows between the sides, both springs of a job are integrated together. Whether a connected differential pressure
+valve stays shut is known only after both have been integrated. Once it has opened for one job of a run, the springs of
+the other jobs of this run are also integrated together. The result is the same bit by bit if the valve stays shut.
 """
 
 from collections import Counter, OrderedDict
@@ -35,9 +35,10 @@ Traces = tuple[Array, ...]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replayed:
-    """One replay of a run with one parameter record: its springs, or none where no lane can integrate them.
+    """One replay of a run with one parameter record: its springs, or none if no lane can integrate them.
 
-    Then it is replayed ``alone``, which returns the readings (n, c) of its ``sensors`` (c,); a ``rough`` one is not.
+    Without springs it is replayed ``alone``, which returns the readings (n, c) of its ``sensors`` (c,); this is not
+    possible for a ``rough`` one.
     """
 
     traced: TracedReplay
@@ -50,14 +51,16 @@ class Replayed:
     rough: bool
 
     def parts(self) -> list[Together]:
-        """Return the springs, those together that have to be; never those of a ``rough`` one."""
+        """Return groups of springs to integrate: both together if air flows between them, otherwise each alone."""
         joined = self.traced.leaks_between(self.record) or (self.kept.opened and not self.rough)
         if joined and self.springs:
             return [self.springs]
         return [(spring,) for spring in self.springs]
 
     def opens(self, traces: Sequence[Array]) -> bool:
-        """Whether the differential pressure valve opens between springs that went through these traces apart."""
+        """Return whether the differential pressure valve opens between springs with these separately computed
+        traces.
+        """
         return not self.traced.stays_shut(self.record, traces)
 
     def read(self, traces: Sequence[Array]) -> Array:
@@ -66,7 +69,7 @@ class Replayed:
 
 
 class KeptTraces:
-    """The trajectories of one experiment that were used last; several threads may ask."""
+    """A cache of the last trajectories of one experiment, safe for several threads."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -75,14 +78,14 @@ class KeptTraces:
         self.opened = False
 
     def get(self, key: Hashable) -> Traces | None:
-        """Return trajectories that are kept."""
+        """Return cached trajectories, or None."""
         with self._lock:
             if key in self._traces:
                 self._traces.move_to_end(key)
             return self._traces.get(key)
 
     def keep(self, key: Hashable, traces: Traces) -> None:
-        """Keep trajectories, and forget those that were not used for longest."""
+        """Store trajectories, and drop those that were unused for longest."""
         with self._lock:
             self._traces[key] = traces
             self._traces.move_to_end(key)
@@ -91,7 +94,7 @@ class KeptTraces:
 
 
 class _Missing(NamedTuple):
-    """Springs to be integrated, and whether their experiment has no other request."""
+    """Springs to be integrated, with their cache and whether their experiment has no other request."""
 
     springs: Together
     kept: KeptTraces
@@ -99,12 +102,12 @@ class _Missing(NamedTuple):
 
 
 def read_all(jobs: Sequence[Replayed], effort: Counter[str]) -> Iterator[Array | None]:
-    """Yield the readings (n, c) of each job in order, None for rough jobs that lanes cannot compute.
+    """Yield the readings (n, c) of each job in order, None for approximate jobs that lanes cannot compute.
 
     Equal jobs are one object, and get one array.
 
-    The work is added to the ``effort``: ``springs`` integrated in ``packs``, ``readings``, and among these replays
-    ``alone``.
+    The work is added to the counter ``effort``: ``springs`` integrated in ``packs``, ``readings``, and replays
+    ``alone`` among these.
     """
     batch = _Batch(jobs, effort)
     for job in jobs:
@@ -113,7 +116,7 @@ def read_all(jobs: Sequence[Replayed], effort: Counter[str]) -> Iterator[Array |
 
 
 class _Batch:
-    """Jobs that are read in order, each as often as it is there, and the traces that are needed until then."""
+    """Jobs that are read in order, and the traces that are still needed."""
 
     def __init__(self, jobs: Sequence[Replayed], effort: Counter[str]) -> None:
         self._effort = effort
@@ -129,13 +132,13 @@ class _Batch:
             self._ask(job)
 
     def readings(self, job: Replayed) -> Array | None:
-        """Return what a job reads; None if it is rough and lanes cannot do so."""
+        """Return the readings of a job; None for an approximate job that lanes cannot compute."""
         if id(job) not in self._readings:
             self._readings[id(job)] = self._read(job)
         return self._readings[id(job)]
 
     def leave(self, job: Replayed) -> None:
-        """Forget what no one needs any more after a job has been read once."""
+        """Note that a job has been read once, and drop data that no other job needs."""
         self._release(job, 1)
         self._left[id(job)] -= 1
         if not self._left[id(job)]:
@@ -182,7 +185,7 @@ class _Batch:
         return [trace for key in parts for trace in self._traces[key]]
 
     def _join(self, kept: KeptTraces) -> None:
-        """Ask again, for springs together, where they are still apart in a run whose valve has opened."""
+        """Request the springs together for jobs that request them separately in a run whose valve has opened."""
         for mine, job in self._jobs.items():
             unread = self._left[mine] and mine not in self._readings
             if unread and job.kept is kept and not job.rough and len(self._parts[mine]) > 1:
@@ -213,5 +216,5 @@ class _Batch:
 
 
 def _good(traces: Sequence[Array]) -> bool:
-    """Whether there are traces, of finite numbers: NaN would be there until the end."""
+    """Return whether there are traces, and their last values are finite. NaN would persist to the end."""
     return bool(traces) and all(bool(np.isfinite(trace[-1]).all()) for trace in traces)

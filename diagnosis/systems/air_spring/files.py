@@ -1,4 +1,6 @@
-"""The bench of two air springs as a system that can be mapped: what of a foreign rig's files its replay can use."""
+"""The bench of two air springs as a system for mapped files: the signals of another rig's files that its replay
+uses.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,7 @@ _FIRST: Final = 5
 
 
 def air_spring_system(parameters: Parameters) -> System:
-    """Return the system of two air springs with a parameter set: heights drive it, pressures and forces come out."""
+    """Return the system of two air springs with a parameter set: heights are inputs, pressures and forces outputs."""
 
     def simulator(settings: Mapping[str, float], measured: tuple[Channel, ...]) -> AirSpring:
         there = parameters.with_values(atmospheric_pressure=settings["ambient_pressure"])
@@ -119,9 +121,9 @@ def _supply(measured: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def _rest(step: float, clock: Array, measured: Mapping[str, Array]) -> NDArray[np.bool_]:
-    """Where no height and no platform moves: in half a second it scatters less than a line that slow would.
+    """Return where all heights and platform motions are at rest, by their scatter within half a second.
 
-    The difference over half a second would be that of a rest wherever a motion turns, and of 2 Hz everywhere.
+    A difference over half a second would be 0 at each reversal, and always at 2 Hz.
     """
     half = max(round(0.25 / step), 1)
     least = _REST_SPEED * 2 * half * step / np.sqrt(12.0)
@@ -137,7 +139,7 @@ def _rest(step: float, clock: Array, measured: Mapping[str, Array]) -> NDArray[n
 
 
 def _begin(measured: Mapping[str, Array]) -> Mapping[str, float]:
-    """Pressures and temperatures of the gas where a run begins."""
+    """Return pressures and temperatures of the gas at the start of a run."""
     found = {}
     for name in GAS:
         if name in measured:

@@ -1,4 +1,4 @@
-"""The gas in the springs at the start of a run: from sensor readings, or from before an effect began."""
+"""The gas in the springs at the start of a run, from sensor readings; with effects that begin at the start."""
 
 from collections.abc import Mapping
 from typing import Any, Final
@@ -27,9 +27,9 @@ GAS: Final = (*BY_GROUP[Group.PRESSURE], *BY_GROUP[Group.TEMPERATURE])  #: readi
 
 
 def gas_that_was_read(experiment: Experiment, parameters: Mapping[str, float], par: Any) -> Gas:
-    """The gas at the beginning of a run, from what its sensors read less what the model says that they are off by.
+    """Return the gas at the start of a run, from sensor readings minus the sensor errors of the model.
 
-    At rest a bellows and the chamber it is joined with have one pressure; one that is shut off has its own.
+    At rest a bellows and its open chamber have one pressure; a closed chamber has its own.
     """
     settings = experiment.settings
 
@@ -61,7 +61,7 @@ def gas_that_was_read(experiment: Experiment, parameters: Mapping[str, float], p
 
 
 def kept(gas: Gas, experiment: Experiment, before: Any, par: Any) -> Gas:
-    """The same air at the same temperature, once springs that were as ``before`` have become those of ``par``."""
+    """Return the gas with the same mass and temperature after the springs change from ``before`` to ``par``."""
     pressure = gas.pressure.copy()
     for i, side in enumerate(_SIDE_NAMES):
         at = float(experiment.inputs[f"{side}.height"][0]), float(given(experiment, "shear", 0.0)[0])
@@ -73,9 +73,9 @@ def kept(gas: Gas, experiment: Experiment, before: Any, par: Any) -> Gas:
 
 
 def _room(par: Any, side: int, zeta: float, y: float) -> tuple[float, float]:
-    """The volume (m³) of a bellows without pressure, and by how much each Pa makes it larger.
+    """Return the volume (m³) of a bellows at gauge pressure 0, and its increase per Pa.
 
-    It widens, and makes the emergency spring below give way: ζ_b = ζ + (p_g A − P)/k.
+    The pressure widens it, and compresses the emergency spring: ζ_b = ζ + (p_g A − P)/k.
     """
     Y, Y1, _ = lateral_shape(y, 1.0 / par.membrane_travel[side])
     names = ("effective_area_slope", "membrane_length", "membrane_length_slope")

@@ -1,21 +1,21 @@
-"""What a bench went through before a run began, as its rubber remembers it.
+"""The history of a bench before a run, in the form of the memory of its rubber.
 
 Theory of operation
 -------------------
-What happened before a run is not replayed. Rubber that is slow knows it all the same, by a mean over the past in which
-s seconds ago count as e^{−s/τ}:
+The time before a run is not replayed. But the state of slow rubber depends on it, by a mean over the past with the
+weight e^{−s/τ} for s seconds ago:
 
     M(τ) = ∫ x(s) e^{−(t − s)/τ} ds/τ
 
-A Kelvin element has crept under a force F by q = (r/k) M(τ) of F, and the dash-pot of a Maxwell branch stands where
-M(τ) of the bellows' displacement is: it is *behind* by x − M(τ) and pulls with so much. A fractional element has
-branches of half a minute and of minutes; they still pull from when the bellows was filled. So a record is requested M
-at memories from seconds to hours; between them it is smooth in ln τ.
+A Kelvin element has crept under a force F by q = (r/k) M(τ) of F. The dash-pot of a Maxwell branch is at M(τ) of the
+bellows' displacement: it is *behind* by x − M(τ), which gives its force. A fractional element has branches of half a
+minute and of minutes, which still have a force from the filling of the bellows. So M is computed from the record for
+memories from seconds to hours; between them it is smooth in ln τ.
 
-Before its first sample a record knows nothing. A bench is taken to have stood as it is first seen, with no load before
-it was switched on. The bellows' displacement is that of the spring less what its emergency spring gives,
-ζ_b = ζ + (F − P)/k; shims under that, for another P, do not move it. Sideways the emergency spring takes a twentieth of
-the shear, which is left out.
+The time before the first sample of a record is unknown. The bench is assumed to have been in the state of the first
+sample, with no load before it was switched on. The bellows' displacement is that of the spring minus the deflection of
+its emergency spring, ζ_b = ζ + (F − P)/k; shims for another P do not change it. In the lateral direction the emergency
+spring takes a twentieth of the shear, which is neglected.
 """
 
 from collections.abc import Callable, Mapping
@@ -48,9 +48,10 @@ SHEAR: Final = "shear"
 
 
 class Past:
-    """A record up to a ``time`` at which the bench had been on for ``on`` s, by means over its n seconds.
+    """A record up to a ``time``, ``on`` s after the bench was switched on, as means over its n seconds.
 
-    ``edges`` (n + 1,) bound these. A signal is held where it has no sample, before the first one too.
+    ``edges`` (n + 1,) are the borders of the seconds. A signal keeps its value in seconds without a sample, and has the
+    first value before the first sample.
     """
 
     def __init__(self, record: Record, time: float, on: float) -> None:
@@ -60,27 +61,27 @@ class Past:
         self.means = cache(self._means)
 
     def __bool__(self) -> bool:
-        """Whether there is any past."""
+        """Return whether there is a past."""
         return len(self.edges) > 1
 
     def knows(self, *names: str) -> bool:
-        """Whether each of some signals was read by then."""
+        """Return whether all of the signals have samples."""
         return all(name in self._record.signals and self.means(name).size for name in names)
 
     def until_now(self, name: str) -> Array:
-        """Return the means (n + 1,) of a signal; the last one is its value where the past ends."""
+        """Return the means (n + 1,) of a signal; the last one is its value at the end."""
         times, values = self._record.series(name)
         now = np.isfinite(values) & (times >= self._time) & (times < self._time + _NOW)
         means = self.means(name)
         return np.append(means, values[now].mean() if now.any() else means[-1])
 
     def forgotten(self, memory: float) -> tuple[Array, float]:
-        """Return the weights (n,) that e^{−s/τ} gives each second, and that of all before them."""
+        """Return the weights e^{−s/τ} (n,) of each second, and the weight of all time before."""
         left = np.exp(-np.maximum(self._time - self.edges, 0.0) / memory)
         return np.diff(left), float(left[0])
 
     def _means(self, name: str) -> Array:
-        """Return the means (n,) of a signal; () if it was never read."""
+        """Return the means (n,) of a signal; empty without samples."""
         times, values = self._record.series(name)
         known = np.isfinite(values)
         count, total = binned(times[known], values[known], self.edges)
@@ -91,12 +92,12 @@ class Past:
 
 
 def load_setting(side: str, memory: float) -> str:
-    """Return the name of the setting for M of one spring's load, for a memory of so many seconds."""
+    """Return the name of the setting for M of one spring's load, for a memory in s."""
     return f"{side}.load_over_{memory:g}_s"
 
 
 def behind_setting(place: str, memory: float) -> str:
-    """Return the name of the setting that shows how far a dash-pot of so many seconds is behind its bellows."""
+    """Return the name of the setting for the distance of a dash-pot behind its bellows, for a memory in s."""
     return f"{place}.behind_over_{memory:g}_s"
 
 
@@ -117,8 +118,8 @@ def remembered_places(
 ) -> dict[str, float]:
     """Return the settings for x − M(τ) of both bellows' displacements and of their shear (m).
 
-    ``preload`` (N per spring) is the load that the springs were shimmed for at some times (n,). Without heights the
-    result is empty. Without load cells emergency springs are assumed rigid; other missing signals are assumed at rest.
+    ``preload`` returns the shimmed load (N per spring) at given times (n,). Without heights the result is empty.
+    Without load cells emergency springs are assumed rigid; other missing signals are assumed at rest.
     """
     if not past or not past.knows(*(f"{side}.height" for side in SIDES)):
         return {}
@@ -143,7 +144,7 @@ def remembered_places(
 
 
 def before(settings: Mapping[str, float], par: Any) -> Before:
-    """Return the memory of the rubber at the start of a run, in the form for a replay, from its settings."""
+    """Return the memory of the rubber at the start of a run, for a replay, from its settings."""
     told = Before.at_rest()
     for i, side in enumerate(SIDES):
         if par.creep_ratio[i]:
@@ -156,7 +157,7 @@ def before(settings: Mapping[str, float], par: Any) -> Before:
 
 
 def remembered(settings: Mapping[str, float], side: str, memory: float) -> float:
-    """Return M of a spring's load (N) for a memory of so many seconds; 0 where no setting reports it."""
+    """Return M of a spring's load (N) for a memory in s; 0 without settings."""
     if load_setting(side, MEMORIES[0]) not in settings:
         return 0.0
     loads = tuple(settings[load_setting(side, known)] for known in MEMORIES)
@@ -164,7 +165,7 @@ def remembered(settings: Mapping[str, float], side: str, memory: float) -> float
 
 
 def behind(settings: Mapping[str, float], place: str, memory: float) -> float:
-    """Return the distance (m) of a dash-pot of so many seconds from one side's bellows or `SHEAR`; 0 without settings.
+    """Return the distance (m) of a dash-pot with a memory in s from one side's bellows or `SHEAR`; 0 without settings.
 
     The bench's own dash-pots are fast: they forget the past before the first counted sample.
     """

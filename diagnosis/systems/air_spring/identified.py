@@ -1,9 +1,9 @@
 """The bench with springs of which only the drawing is known: identified parameters and their wide priors.
 
-A diagnosis refits the parameters that differ between good springs of one delivery, within a hundredth or a tenth. An
-identification starts from an unknown spring: priors are as wide as the spread of similar drawings, and friction,
+A diagnosis fits again the parameters that differ between good springs of one delivery, within a hundredth or a tenth.
+An identification starts from an unknown spring: the priors are as wide as the spread of similar drawings, and friction,
 emergency spring, heat and the stiffness in roll are identified as well. All other values come from the parameter set:
-how the shell's stiffness relaxes, the contact of the emergency spring, the dimensions of the rig.
+the relaxation of the shell's stiffness, the contact of the emergency spring, the dimensions of the rig.
 """
 
 from collections.abc import Mapping
@@ -64,7 +64,7 @@ _TOLERANCES: Final = frozenset({*EACH_SIDE, *BOTH_SIDES})
 
 
 class UnknownSpring(AirSpring):
-    """The bench with springs that are to be identified; effects of the set stay as they are, no others are tried."""
+    """The bench with springs to be identified. Effects of the set are kept, and no others are tested."""
 
     def __init__(self, parameters: Parameters, only: tuple[str, ...] = tuple(OUTPUTS)) -> None:
         super().__init__(parameters, effects={}, only=only)
@@ -87,14 +87,14 @@ _SHARED: Final = ("membrane_length", "membrane_length_slope", "membrane_travel")
 
 
 def names_of_shape(side: str) -> tuple[str, ...]:
-    """Return the labels of what area and volume of one bellows are made of, as `shape` takes their values."""
+    """Return the labels of the values that determine area and volume of one bellows, in the order of `shape`."""
     return (*(f"{side}.{name}" for name in _OWN), *_SHARED)
 
 
 def shape(values: Array, height: float, shear: float) -> Array:
     """Return effective area (m²) and volume (m³) of a bellows at a height and a lateral displacement (m): (2,).
 
-    A = A₀ + A₁ζ − ½κ₁Y,  V = V₀ + (A₀ + ½A₁ζ)ζ − ½(κ₀ + κ₁ζ)Y,  Y = y²/(1 + (y/y_s)²), as `bench_sim.model.spring`.
+    A = A₀ + A₁ζ − ½κ₁Y,  V = V₀ + (A₀ + ½A₁ζ)ζ − ½(κ₀ + κ₁ζ)Y,  Y = y²/(1 + (y/y_s)²), as in `bench_sim.model.spring`.
     """
     area, slope, volume, length, length_slope, travel = values
     reach = shear**2 / (1.0 + (shear / travel) ** 2)
@@ -120,5 +120,5 @@ def uncertain_shape(values: Array, covariance: Array, height: float, shear: floa
 
 
 def quantity(label: str) -> str:
-    """Return the parameter that a label, such as ``left.effective_area``, is about."""
+    """Return the name of the parameter in a label such as ``left.effective_area``."""
     return label.rpartition(".")[2]

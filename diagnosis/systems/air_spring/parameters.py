@@ -1,4 +1,6 @@
-"""What may differ between an air spring bench and its parameter set, and what may be missing from the model of it."""
+"""The parameters in which an air spring bench may differ from its parameter set, and the effects that may be
+missing.
+"""
 
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
@@ -86,12 +88,14 @@ def nuisances(parameters: Parameters, measured: tuple[tuple[Channel, Sensor], ..
 
 
 def _nuisance(name: str, unit: str, spread: float, display: str = "", scale: float = 1.0) -> Nuisance:
-    """A deviation from 0, assumed to be within ``spread``."""
+    """Return a nuisance with nominal value 0 and standard deviation ``spread``."""
     return Nuisance(name, unit, 0.0, spread, step=_STEP * spread, display=display, scale=scale)
 
 
 def _offsets(parameters: Parameters, measured: tuple[tuple[Channel, Sensor], ...]) -> Iterator[Nuisance]:
-    """Zeros of the sensors. The accuracy of a data sheet is the bound of an even distribution: √3 deviations."""
+    """Yield the zeros of the sensors. The accuracy of a data sheet is the bound of a uniform distribution: √3
+    deviations.
+    """
     accuracy = parameters.record.sensor_accuracy / sqrt(3.0)
     accuracy[[Sensor.VERTICAL_LEFT_DISPLACEMENT, Sensor.VERTICAL_RIGHT_DISPLACEMENT]] = _pin_accuracy(
         parameters
@@ -103,7 +107,7 @@ def _offsets(parameters: Parameters, measured: tuple[tuple[Channel, Sensor], ...
 
 
 def _rounding_errors(measured: tuple[tuple[Channel, Sensor], ...]) -> Iterator[Nuisance]:
-    """How far displacements seem off in one run, since the platform rests between two steps of its transducers."""
+    """Yield the offsets of displacements in one run that are due to the resolution of the transducers at rest."""
     shear = _nuisance(f"{SHEAR}{SEAT}", "m", ROUNDING, "mm", 1e-3)
     yield replace(shear, per_run=True)
     for channel, _ in measured:
@@ -113,16 +117,16 @@ def _rounding_errors(measured: tuple[tuple[Channel, Sensor], ...]) -> Iterator[N
 
 
 def _drags(measured: tuple[tuple[Channel, Sensor], ...]) -> Iterator[Nuisance]:
-    """Force in proportion to the speed that only the actuators' transducers show."""
+    """Yield forces in proportion to speed that only the actuators' transducers measure."""
     for channel, sensor in measured:
         if Sensor.VERTICAL_LEFT_FORCE <= sensor <= Sensor.LATERAL_FORCE:
             yield _nuisance(f"{channel.name}{DRAG}", "N*s/m", SEALS)
 
 
 def _initial_gas() -> Iterator[Nuisance]:
-    """Pressure of each spring and temperature of each chamber where a run begins.
+    """Yield pressure of each spring and temperature of each chamber at the start of a run.
 
-    An auxiliary chamber has its own pressure where it is shut off.
+    A closed auxiliary chamber has its own pressure.
     """
     for place in (*_SIDES, *AUXILIARY):
         pressure = _nuisance(f"{place}.initial_pressure", "Pa", INITIAL_PRESSURE, "mbar", 100.0)
@@ -133,7 +137,7 @@ def _initial_gas() -> Iterator[Nuisance]:
 
 
 def _tolerances(parameters: Parameters) -> Iterator[Nuisance]:
-    """Geometry and materials of the springs, side by side where each side shows its own."""
+    """Yield geometry and materials of the springs, separately for each side where each side has its own value."""
     for name, share in EACH_SIDE.items():
         for place, side in enumerate(_SIDES):
             yield _tolerance(parameters, name, f"{side}.{name}", place, share)
@@ -142,7 +146,7 @@ def _tolerances(parameters: Parameters) -> Iterator[Nuisance]:
 
 
 def _leveling(parameters: Parameters) -> Iterator[Nuisance]:
-    """What only shows where leveling valves work: their own values, and the zero of the gauge of their supply."""
+    """Yield parameters that matter only with working leveling valves, and the zero of the supply's gauge."""
     accuracy = float(parameters.record.sensor_accuracy[Sensor.SUPPLY_PRESSURE])
     yield _nuisance(f"{SUPPLY}.offset", "Pa", accuracy / sqrt(3.0), "mbar", 100.0)
     for place, side in enumerate(_SIDES):
@@ -173,10 +177,10 @@ def zeros_of_heights(parameters: Parameters) -> tuple[dict[str, float], ...]:
 
 
 def _pin_accuracy(parameters: Parameters) -> float:
-    """Standard deviation of the offset of a vertical actuator's transducer, against the motion sensors.
+    """Return the standard deviation of the offset of a vertical actuator's transducer, relative to the motion sensors.
 
-    The bolster is at (ζ_L + ζ_R)/2 + z_P + a ((ζ_L − ζ_R)/2b + φ_P) where an actuator is pinned, and every one of these
-    has its own zero.
+    The bolster is at (ζ_L + ζ_R)/2 + z_P + a ((ζ_L − ζ_R)/2b + φ_P) at the pin of an actuator, and each of these
+    sensors has its own zero.
     """
     par = parameters.record
     arm = par.actuator_half_spacing
@@ -192,7 +196,7 @@ def _pin_accuracy(parameters: Parameters) -> float:
 
 
 def _shear_accuracy(parameters: Parameters) -> float:
-    """Standard deviation of the offset of the shear, from those of all sensors that it is made of."""
+    """Return the standard deviation of the offset of the shear, from those of the sensors that it is computed from."""
     par = parameters.record
     arm = par.lateral_actuator_height + par.centre_height
     shares = (
@@ -214,7 +218,7 @@ def tolerance(
 ) -> Nuisance:
     """Return the prior of one element of a parameter of a set: a ``share`` of its value as standard deviation.
 
-    ``step`` is that of finite differences, relative as well.
+    ``step`` is the step of finite differences, also as a share.
     """
     entry = parameters.entries[name]
     value = float(entry.value[place])
@@ -232,10 +236,9 @@ def tolerance(
 
 
 def deviate(record: Any, values: Mapping[str, float], *, leveling: bool) -> None:
-    """Write the springs' own values among ``values`` into a parameter record, and if they are fed, their valves'.
+    """Write the springs' values among ``values`` into a parameter record; with ``leveling`` also those of the valves.
 
-    A name with a side as prefix is for that side, one without for both. Names that the record does not have are
-    skipped.
+    A name with a side as prefix is for that side, one without for both. Other names are skipped.
     """
     for label, value in values.items():
         side, _, name = label.rpartition(".")
@@ -248,7 +251,7 @@ def deviate(record: Any, values: Mapping[str, float], *, leveling: bool) -> None
 
 
 def hypotheses(effects: Mapping[str, bench.Effect], possible: Callable[[str], bool]) -> dict[str, Hypothesis]:
-    """Return the ``possible`` effects of the bench as causes to be named: one for every place, like ``leak.left``."""
+    """Return the ``possible`` effects of the bench as candidate causes, one for every place, such as ``leak.left``."""
     causes = {
         name: (effect, place)
         for effect in effects.values()
@@ -270,7 +273,7 @@ def hypotheses(effects: Mapping[str, bench.Effect], possible: Callable[[str], bo
 
 
 def locate(name: str, effects: Mapping[str, bench.Effect]) -> tuple[bench.Effect, int | None]:
-    """Return the bench's effect behind a cause, and the side it sits on; KeyError for an unknown one."""
+    """Return the bench's effect of a cause, and the index of its side; KeyError for an unknown one."""
     root, _, place = name.partition(".")
     return effects[root], effects[root].places.index(place) if place else None
 
@@ -319,7 +322,7 @@ def _sound() -> dict[str, dict[str, Any]]:
 
 
 def _shape(shape: bench.EffectParameter) -> Parameter:
-    """One standard deviation is a quarter of the possible range, of the logarithm where that is fitted."""
+    """Return a shape parameter. Its standard deviation is a quarter of the range (of the logarithm, if logarithmic)."""
     width = shape.nominal * log(shape.high / shape.low) if shape.logarithmic else shape.high - shape.low
     return Parameter(
         shape.name,
@@ -335,7 +338,7 @@ def _shape(shape: bench.EffectParameter) -> Parameter:
 
 
 def _at(names: tuple[str, ...], place: str, effects: Mapping[str, bench.Effect]) -> tuple[str, ...]:
-    """Effects at the same place; one that has no such place wherever it can be."""
+    """Return the labels of effects at the same place; of an effect without this place, all its places."""
     return tuple(
         _label(name, where)
         for name in names

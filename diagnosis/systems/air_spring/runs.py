@@ -1,4 +1,4 @@
-"""An experiment as the replay of the bench takes it: where its plates go, what its valves do."""
+"""An experiment in the form of the replay of the bench: motion of its plates, and state of its valves."""
 
 from collections import OrderedDict
 from dataclasses import replace
@@ -38,7 +38,7 @@ _LATE: Final = (
 
 
 class PreparedRun:
-    """The motion and inputs of an experiment as the replay takes them, and the latest outputs that were simulated."""
+    """The motion and inputs of an experiment in the form of the replay, and a cache of the latest simulated outputs."""
 
     def __init__(self, experiment: Experiment, par: Any, step: float) -> None:
         self.experiment = experiment
@@ -59,10 +59,10 @@ class PreparedRun:
         self._moved: WeakValueDictionary[tuple[float, float], PreparedRun] = WeakValueDictionary()
 
     def moved_by(self, par: Any) -> "PreparedRun":
-        """Return the run as it was if frame and displacement sensors are as ``par`` has them; kept while it is used.
+        """Return the run with the frame and displacement sensors of ``par``; cached while it is used.
 
-        The transducer sits in the lateral actuator: the more that gives way, the less were the springs sheared. What
-        arrives late has been before.
+        The transducer is in the lateral actuator: with a softer frame the shear of the springs was smaller. Delayed
+        readings belong to earlier times.
         """
         more, late = self._apart(par)
         if (more, late) == (0.0, 0.0):
@@ -73,12 +73,16 @@ class PreparedRun:
         return moved
 
     def moved_by_each(self, records: Any, of: NDArray[np.intp]) -> "PreparedRun":
-        """Return the same if frame and sensors were at each sample as that one of the ``records`` has them (n,)."""
+        """Return the same, with the frame and sensors of a separate record for each sample: ``records`` at index ``of``
+        (n,).
+        """
         more, late = np.array([self._apart(par) for par in records]).T
         return self._moved_so(more[of], late[of]) if more.any() or late.any() else self
 
     def _apart(self, par: Any) -> tuple[float, float]:
-        """By how much more the frame of ``par`` gives way, as a share, and how much later (s) displacements come."""
+        """Return the additional compliance of the frame of ``par``, as a share, and the additional delay (s) of
+        displacements.
+        """
         more = float(self._par.frame_stiffness[LATERAL] / par.frame_stiffness[LATERAL]) - 1.0
         late = float(par.displacement_latency - self._par.displacement_latency)
         return more if GIVE in self.experiment.inputs else 0.0, late
@@ -91,7 +95,7 @@ class PreparedRun:
 
     @property
     def inputs(self) -> Array:
-        """All inputs of the bench (n, INPUTS), most of them 0: made when a user asks, for few do."""
+        """All inputs of the bench (n, INPUTS), most of them 0; computed only on request."""
         inputs = np.zeros((len(self.experiment.time), INPUTS))
         inputs[:, Input.SUPPLY] = 1.0
         for name, place in _VALVES.items():
@@ -101,12 +105,12 @@ class PreparedRun:
 
     @cached_property
     def traced(self) -> TracedReplay:
-        """The replay in lanes."""
+        """The replay with lanes."""
         return self._traced(self._step)
 
     @cached_property
     def rough(self) -> TracedReplay:
-        """The same by steps of twice the length, or the same one if the samples are too close for that."""
+        """The replay with lanes and doubled step; the exact one if the samples are too close for that."""
         longer = self._traced(2.0 * self._step)
         return longer if longer.steps < self.traced.steps else self.traced
 
@@ -116,14 +120,14 @@ class PreparedRun:
 
 
 def _of_the_centre(read: Array, motion: Motion, par: Any) -> Array:
-    """Return ÿ (n,) of the bolster's centre where its accelerometer ``read`` ÿ + (g + z̈)φ − h_m φ̈."""
+    """Return ÿ (n,) of the bolster's centre from the accelerometer ``read``, ÿ + (g + z̈)φ − h_m φ̈."""
     roll = motion.displacement[:, 2]
     vertical, angular = motion.acceleration[:, 1], motion.acceleration[:, 2]
     return read - (par.gravity + vertical) * roll + par.accelerometer_height * angular
 
 
 def _before(experiment: Experiment, late: float | Array) -> dict[str, Array]:
-    """Return the inputs of an experiment whose displacements were read ``late`` (s); forces were not."""
+    """Return the inputs of an experiment whose displacements were read ``late`` (s) and whose forces were not."""
     time, inputs = experiment.time, dict(experiment.inputs)
     own = np.zeros(len(time))
     gave_way = inputs.get(GIVE, own)  # the shear was made of displacements less this
@@ -136,7 +140,7 @@ def _before(experiment: Experiment, late: float | Array) -> dict[str, Array]:
 
 
 def given(experiment: Experiment, name: str, default: float | None = None) -> Array:
-    """Return an input (n,) of an experiment, or its default everywhere; DiagnosisError where there is neither."""
+    """Return an input (n,) of an experiment, or its default; DiagnosisError without both."""
     values = experiment.inputs.get(name)
     if values is not None:
         return values
@@ -146,7 +150,7 @@ def given(experiment: Experiment, name: str, default: float | None = None) -> Ar
 
 
 def _actuator_speeds(motion: Motion, par: Any) -> dict[str, Array]:
-    """Speeds (n,) of the bolster where the actuators are pinned, up or left positive, by the names of their forces."""
+    """Return speeds (n,) of the bolster at the actuators' pins, up or left positive, by the names of their forces."""
     y, z, phi = motion.speed[:, :3].T
     return {
         "vertical_left.force": z + par.actuator_half_spacing * phi,
@@ -156,7 +160,7 @@ def _actuator_speeds(motion: Motion, par: Any) -> dict[str, Array]:
 
 
 def _motion(experiment: Experiment, par: Any) -> Array:
-    """Displacements (n, 6) of bolster and platform: lateral, vertical, roll of each.
+    """Return displacements (n, 6) of bolster and platform: lateral, vertical, roll of each.
 
     φ_B = (ζ_L − ζ_R)/2b + φ_P,  z_B = (ζ_L + ζ_R)/2 + z_P,  y_B = y − e φ_B + y_P − h φ_P
     """

@@ -1,17 +1,17 @@
-"""The bench of two air springs as a system to be diagnosed: the model replayed through the motion that was measured.
+"""The bench of two air springs as a system to be diagnosed: the model replays the measured motion.
 
-Inputs of an experiment (SI, pressures gauge): ``left.height`` and ``right.height`` of the springs; ``shear``, the
-lateral displacement of their top plates against the platform, and ``lateral.give``, by which the frame of the lateral
-actuator was taken to give way for it; ``platform.vertical``, ``.lateral`` and ``.roll``; the valves as 0 … 1,
-``left.leveling``, ``left.reservoir`` (and right), ``dpv``; ``supply.pressure``; of the bolster
-``lateral.acceleration``. Only the heights are required.
+Inputs of an experiment (SI, gauge pressures): ``left.height`` and ``right.height`` of the springs; ``shear``, the
+lateral displacement of their top plates relative to the platform, and ``lateral.give``, the deflection of the lateral
+actuator's frame that is included in it; ``platform.vertical``, ``.lateral`` and ``.roll``; the valves as 0 … 1,
+``left.leveling``, ``left.reservoir`` (and right), ``dpv``; ``supply.pressure``; ``lateral.acceleration`` of the
+bolster. Only the heights are required.
 
-Its settings: ``left.bellows_pressure``, ``left.auxiliary_pressure`` (and right) where it begins, the temperatures of
-the same chambers, ``wall_temperature`` of all of them, ``nominal_preload``, ``orifice_diameter``, ``pipe_length``, and
-``start``, the s since the bench was switched on, from when sensors drift, and what the springs went through before it
-begins (`diagnosis.systems.air_spring.history`). Only the bellows' pressures are required. One that begins in a motion
-has `MOVING`; one whose effects begin with it, and not before, has `BEFORE`. One that is only planned has
-``conditioned``, from when on (s) a record of it would count.
+Settings: ``left.bellows_pressure``, ``left.auxiliary_pressure`` (and right) at the start, the temperatures of the same
+chambers, the common ``wall_temperature``, ``nominal_preload``, ``orifice_diameter``, ``pipe_length``, and ``start``,
+the time (s) since the bench was switched on, which determines sensor drift; and the history of the springs
+(`diagnosis.systems.air_spring.history`). Only the bellows' pressures are required. An experiment that begins in a
+motion has `MOVING`. One whose effects begin at its start has `BEFORE`. A planned one has ``conditioned``, the time (s)
+from which on its record would count.
 """
 
 from collections import Counter, OrderedDict
@@ -109,7 +109,7 @@ _PREPARED, _OUTPUTS = 64, 2
 
 
 def channels(parameters: Parameters) -> tuple[Channel, ...]:
-    """Return the outputs with the noise of their sensors and the coarser step of sensor and wire."""
+    """Return the outputs with the noise of their sensors and the coarser resolution of sensor and bus."""
     record = parameters.record
     steps = {field.signal: field.step for message in TABLE.messages for field in message.fields}
     found = []
@@ -134,8 +134,8 @@ def channels(parameters: Parameters) -> tuple[Channel, ...]:
 class AirSpring(CompleteSimulator):
     """The bench with a parameter set and its catalogue of effects; steps of at most ``step`` s.
 
-    Effects that the set has stay as they are: they are part of the base model, and no candidates. It may be called from
-    several threads at once. ``only`` names the outputs that were measured (all).
+    Effects of the set are part of the base model and no candidates. Several threads may use it at once. ``only`` names
+    the measured outputs (default: all).
     """
 
     too_alike = _TOO_ALIKE
@@ -172,16 +172,16 @@ class AirSpring(CompleteSimulator):
         self._prepared: OrderedDict[int, PreparedRun] = OrderedDict()
 
     def forget(self) -> None:
-        """Keep nothing of the experiments that were replayed: some hundred MB where each comes once."""
+        """Drop the cached experiments, which take some hundred MB."""
         with self._lock:
             self._prepared.clear()
 
     def counted(self, experiment: Experiment, outputs: Array) -> NDArray[np.bool_]:
-        """Return which samples (n, c) of a planned experiment its record would count (`diagnosis.contracts`)."""
+        """Return which samples (n, c) would count in the record of a planned experiment (`diagnosis.contracts`)."""
         return counted_if_recorded(experiment, outputs, self.channels, self.parameters.record)
 
     def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array:
-        """Return the outputs (n, c): what noiseless sensors would have read."""
+        """Return the outputs (n, c) of sensors without noise."""
         prepared = self._prepare(experiment)
         simulated = _simulated(parameters)
         key = _asked(simulated, effects)
@@ -196,20 +196,20 @@ class AirSpring(CompleteSimulator):
         return self._shifted(prepared, outputs, parameters)
 
     def run_many(self, jobs: Sequence[Job]) -> Iterator[Array]:
-        """Yield the outputs (n, c) of each job in order; springs are integrated in lanes, each only once.
+        """Yield the outputs (n, c) of each job in order; springs are integrated in lanes, each different one only once.
 
-        They are those of ``run`` to within thousandths of a pascal and tenths of a millinewton, which is what its
-        Newton's method leaves.
+        They equal those of ``run`` within thousandths of a pascal and tenths of a millinewton, the tolerance of
+        Newton's method.
         """
         for outputs in self._run_many(jobs, rough=False):
             assert outputs is not None  # what no lane can do is replayed alone
             yield outputs
 
     def run_roughly(self, jobs: Sequence[Job]) -> Iterator[Array | None]:
-        """Yield the outputs (n, c) of each job in order by steps of twice the length; None of what lanes cannot do so.
+        """Yield the outputs (n, c) of each job in order with doubled step; None for jobs that lanes cannot compute.
 
-        The longer step is wrong by tenths of the noise, and that by nearly as much at a neighbouring point: of a
-        difference quotient as long as thousands of times the noise, about a tenth of the noise is wrong.
+        The error of the longer step is some tenths of the noise, and nearly the same at a neighbouring point. The error
+        of a difference quotient with a norm of thousands of times the noise is about a tenth of the noise.
         """
         return self._run_many(jobs, rough=True)
 
@@ -232,9 +232,9 @@ class AirSpring(CompleteSimulator):
         values: Sequence[Mapping[str, float]],
         since: NDArray[np.intp],
     ) -> Array:
-        """Return the outputs (n, c) of a bench whose effect has each of these ``values`` (m) since a sample (m,).
+        """Return the outputs (n, c) of a bench whose effect changes to each of the ``values`` (m) at a sample (m,).
 
-        The first one holds since sample 0 and is not zero: a delay must exist from the start.
+        The first value applies from sample 0 and must not be 0, because a delay must exist from the start.
         """
         records = np.array([self.record(experiment, {}, {effect: one}) for one in values], PARAMETERS)
         first, later = records.view(np.recarray)[0], ParameterChanges(since[1:], records[1:])
@@ -243,9 +243,10 @@ class AirSpring(CompleteSimulator):
         return self._replay(prepared, first, self._gas(experiment, {}, first), 0.0, 0.0, later)
 
     def record(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Any:
-        """Return the parameter record of a model: this set under the experiment's load, deviations and effects.
+        """Return the parameter record of a model: this set with the experiment's load, deviations and effects.
 
-        Effects come last, those of the set before the others: they change what a spring is without them.
+        Effects are applied last, those of the set first, because they change the spring relative to its state without
+        them.
         """
         record = np.array([self._bare], PARAMETERS).view(np.recarray)[0]
         for name in ("nominal_preload", "orifice_diameter", "pipe_length"):
@@ -268,17 +269,19 @@ class AirSpring(CompleteSimulator):
         return record
 
     def parity(self, experiment: Experiment, outputs: Array) -> Mapping[str, Array]:
-        """Return signals (n,) of ``outputs`` (n, c) that one subsystem alone can move, NaN where an output is.
+        """Return signals (n,) of ``outputs`` (n, c) that only one subsystem can change, NaN where an output is NaN.
 
-        The force of a spring less p_g A_e(ζ) moves with rubber and load cells, its mass of air with leaks, an actuator
-        less the lasers with its frame.
+        The force of a spring minus p_g A_e(ζ) depends on rubber and load cells, its mass of air on leaks, the
+        difference of an actuator and the lasers on its frame.
         """
         return parity(
             experiment, dict(zip((c.name for c in self.channels), outputs.T, strict=True)), self.parameters
         )
 
     def sharpened(self, runs: Sequence[MeasuredRun], channels: Sequence[Channel]) -> Mapping[str, Hypothesis]:
-        """Return the hypothesis of pressures that are held, at the period in which they are; none if they are not."""
+        """Return the hypothesis of held pressure readings with their period from the data; none if they are not
+        held.
+        """
         held = self.catalogue.get(_HELD)
         if held is None:
             return {}
@@ -293,7 +296,7 @@ class AirSpring(CompleteSimulator):
         return {_HELD: of_period(held, period)} if period else {}
 
     def _has_room(self, name: str) -> bool:
-        """Whether the set lacks an effect and has the free elements of rubber that it needs."""
+        """Return whether the set lacks an effect and has the free rubber elements that it needs."""
         if name in self.parameters.effects:
             return False
         effect, place = locate(name, self._effects)
@@ -347,9 +350,9 @@ class AirSpring(CompleteSimulator):
         return readings[:, self._sensors]
 
     def _replayed(self, job: Job, known: dict[object, Replayed], rough: bool) -> Replayed:
-        """Return the replay that a job asks for: the ``known`` one if an earlier job has asked for the same.
+        """Return the replay of a job: the ``known`` one if an earlier job has requested the same.
 
-        A ``rough`` one takes steps of twice the length, which only lanes can.
+        A ``rough`` replay takes steps of twice the length, which only lanes can.
         """
         prepared = self._prepare(job.experiment)
         simulated = _simulated(job.parameters)
@@ -359,7 +362,7 @@ class AirSpring(CompleteSimulator):
         return known[asked]
 
     def _gas(self, experiment: Experiment, parameters: Mapping[str, float], par: Any) -> Gas:
-        """Return the gas at the beginning of a run in the springs of ``par``."""
+        """Return the gas at the start of a run in the springs of ``par``."""
         if BEFORE not in experiment.settings:
             return gas_that_was_read(experiment, parameters, par)
         before = self.record(experiment, parameters, {})
@@ -373,7 +376,7 @@ class AirSpring(CompleteSimulator):
         known: dict[object, Replayed],
         rough: bool,
     ) -> Replayed:
-        """As `_replayed`, of what no job has asked for by the same parameters: others may make the same replay."""
+        """Return the replay for new parameters; it may equal a known one after all."""
         record = self.record(job.experiment, simulated, job.effects)
         gas = self._gas(job.experiment, simulated, record)
         prepared = prepared.moved_by(record)
@@ -397,7 +400,7 @@ class AirSpring(CompleteSimulator):
         return known[key]
 
     def _shifted(self, prepared: PreparedRun, outputs: Array, parameters: Mapping[str, float]) -> Array:
-        """Return simulated outputs (n, c) as sensors with their own zeros and drags read them."""
+        """Return simulated outputs (n, c) with the zeros and drags of the sensors."""
         shifted = outputs + np.array(
             [parameters.get(zero, 0.0) + parameters.get(seat, 0.0) for zero, seat in self._zeros]
         )
@@ -420,7 +423,7 @@ class AirSpring(CompleteSimulator):
 
 
 def _simulated(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the parameters on which a simulation depends."""
+    """Return the parameters that need a simulation."""
     return {
         name: value
         for name, value in parameters.items()
@@ -429,15 +432,15 @@ def _simulated(parameters: Mapping[str, float]) -> dict[str, float]:
 
 
 def _asked(simulated: Mapping[str, float], effects: Effects) -> str:
-    """Return a text that is the same for what asks for the same simulation in the same numbers."""
+    """Return a text that is equal for requests of the same simulation."""
     return repr((sorted(simulated.items()), sorted((name, sorted(v.items())) for name, v in effects.items())))
 
 
 def _shift(parameters: Mapping[str, float]) -> float:
-    """How far the bolster is to the left of where it was seen: less by what its transducer reads too much."""
+    """Return the distance of the bolster to the left of its measured place: minus the offset of its transducer."""
     return -parameters.get(f"{SHEAR}.offset", 0.0) - parameters.get(f"{SHEAR}{SEAT}", 0.0)
 
 
 def _supply_error(prepared: PreparedRun, parameters: Mapping[str, float]) -> float:
-    """What the gauge of the supply reads too much (Pa), where air comes from there."""
+    """Return the offset (Pa) of the supply's gauge; 0 if the springs are not fed."""
     return parameters.get(f"{SUPPLY}.offset", 0.0) if prepared.fed else 0.0

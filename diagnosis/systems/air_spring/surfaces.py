@@ -28,7 +28,7 @@ class Span:
     compressed: bool = False  #: even in asinh(v/v₀) instead of v
 
     def centres(self, count: int) -> Array:
-        """Return where the quadratic B-splines are largest (count,), in the unit of the title."""
+        """Return the places of the maxima of the quadratic B-splines (count,), in the unit of the title."""
         ends = np.array([self.low, self.high])
         if self.compressed:
             ends = np.arcsinh(ends / _UNIT_SPEED)
@@ -39,7 +39,7 @@ class Span:
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """One surface of the model; every coefficient is assumed to be within ``spread`` of 0."""
+    """One surface of the model; ``spread`` is the prior standard deviation of every coefficient."""
 
     name: str
     title: str
@@ -51,7 +51,7 @@ class Term:
 
     @property
     def surface(self) -> Surface:
-        """The surface as the engine knows it."""
+        """The surface in the form of the engine."""
         return Surface(
             self.name,
             self.title,
@@ -79,7 +79,7 @@ class Term:
         return replace(self, first=first, second=second)
 
     def changes(self, record: Any, coefficients: Mapping[str, float]) -> dict[str, Array]:
-        """Return parameters that add the surface to a parameter record; what ``coefficients`` do not name is 0."""
+        """Return parameters that add the surface to a parameter record; missing ``coefficients`` are 0."""
         added = np.array([coefficients.get(one.name, 0.0) for one in self.surface.coefficients])
         spans = {span.field: np.array([span.low, span.high]) for span in (self.first, self.second)}
         return {self.name: record[self.name] + added.reshape(SURFACE), **spans}

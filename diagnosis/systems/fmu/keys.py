@@ -1,4 +1,4 @@
-"""``[fmu]`` of a map: uncertain numbers of an FMU, possible causes of its deviation, and how it is driven."""
+"""``[fmu]`` of a map: uncertain numbers of an FMU, possible causes of its deviation, and its inputs and steps."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ _WHOLE: Final = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class OfVariable:
-    """An effect that a variable makes: at the value ``off`` (SI) it is missing."""
+    """An effect of a variable: at the value ``off`` (SI) it is missing."""
 
     variable: Variable
     off: float
@@ -52,7 +52,7 @@ class OfVariable:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """Inputs with a column, communication step (s; None: that of the grid), and settle time (s)."""
+    """Inputs that have a column, communication step (s; None: that of the grid), and settle time (s)."""
 
     inputs: tuple[Variable, ...]
     step: float | None
@@ -63,7 +63,7 @@ class Drive:
 class FmuSimulator(CompleteSimulator):
     """The simulator. ``unnamed`` are surfaces, each with the signal that it is added to.
 
-    ``preset`` are values (SI) of variables instead of the FMU's own.
+    ``preset`` holds values (SI) of variables that replace the FMU's own.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class FmuSimulator(CompleteSimulator):
         self._tried = False
 
     def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array:
-        """Return the outputs (n, c) as `Simulator` says."""
+        """Return the outputs (n, c), see `Simulator`."""
         time = experiment.time
         drawn = {**effects, **_of_base(parameters)}
         inputs = {
@@ -110,7 +110,7 @@ class FmuSimulator(CompleteSimulator):
         return np.column_stack([read_as(one.name, added[one.name], time, drawn) for one in self.channels])
 
     def sharpened(self, runs: Sequence[MeasuredRun], channels: Sequence[Channel]) -> Mapping[str, Hypothesis]:
-        """Return the hypotheses of outputs that are held, at the periods in which they are."""
+        """Return the hypotheses of held outputs, with their periods from the data."""
         places = {one.name: k for k, one in enumerate(self.channels)}
         expected = list(self.run_many([Job(run.experiment, {}, {}) for run in runs]))
         found: dict[str, Hypothesis] = {}
@@ -142,7 +142,7 @@ class FmuSimulator(CompleteSimulator):
     def starts(
         self, experiment: Experiment | None, parameters: Mapping[str, float], effects: Effects
     ) -> dict[str, float]:
-        """Return the values (SI) that variables of the FMU have before a run begins, where they are not the FMU's."""
+        """Return the values (SI) to which variables of the FMU are set before a run."""
         variables = self.fmu.variables
         values = dict(self._preset)
         values |= {one.name: one.nominal for one in self.nuisances if one.name in variables}
@@ -163,7 +163,7 @@ class FmuSimulator(CompleteSimulator):
         return values
 
     def _feedback(self, effects: Effects) -> tuple[Feedback, ...]:
-        """Return the surfaces that are added to inputs, as the process of the FMU takes them."""
+        """Return the surfaces that are added to inputs, in the form of the FMU's process."""
         columns = {one.name: k for k, one in enumerate(self._drive.inputs)}
         order = dict(
             zip(self._asked, _order([self.fmu.variables[name] for name in self._asked]), strict=True)
@@ -258,7 +258,7 @@ class FmuSimulator(CompleteSimulator):
 
 
 def _of_base(parameters: Mapping[str, float]) -> dict[str, dict[str, float]]:
-    """Return the errors of sensors that belong to the base, as effects: ``offset.force`` has one parameter."""
+    """Return the sensor errors of the base as effects: ``offset.force`` has one parameter."""
     names = {"gain": "gain", "offset": "offset", "drift": "rate", "lag": "lag", "latency": "delay"}
     found = {}
     for name, value in parameters.items():
@@ -269,7 +269,9 @@ def _of_base(parameters: Mapping[str, float]) -> dict[str, dict[str, float]]:
 
 
 def _held(at: Array, parts: int, hold: str, straight: Sequence[bool]) -> Array:
-    """Return the inputs ((n − 1)·parts, m) of each communication step; those that are not ``straight`` are stairs."""
+    """Return the inputs ((n − 1)·parts, m) of each communication step; those not ``straight`` are piecewise
+    constant.
+    """
     where = {"begin": 0.0, "middle": 0.5, "end": 1.0}[hold]
     shares = (np.arange(parts)[np.newaxis, :, np.newaxis] + where) / parts
     between = at[:-1, np.newaxis] + shares * np.diff(at, axis=0)[:, np.newaxis]
@@ -310,7 +312,7 @@ def _references(outputs: Sequence[Variable]) -> dict[str, list[int]]:
 
 
 def _order(outputs: Sequence[Variable]) -> list[int]:
-    """Return the column of the answer in which each output stands: those of one type lie side by side."""
+    """Return the column of each output in the answer, which groups outputs by type."""
     types = list(dict.fromkeys(one.type for one in outputs))
     places = sorted(range(len(outputs)), key=lambda k: types.index(outputs[k].type))
     return [places.index(k) for k in range(len(outputs))]

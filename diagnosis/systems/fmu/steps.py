@@ -1,4 +1,4 @@
-"""What the communication step of an FMU does to a diagnosis: to its outputs, and to the numbers that are fitted."""
+"""The effect of the communication step of an FMU on its outputs, and on the fitted numbers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MOVED: Final = 0.1
 
 
 def step_doubts(simulator: FmuSimulator, runs: Sequence[MeasuredRun]) -> Iterator[str]:
-    """Yield what the communication step does to each output, and to each number of the base, where that shows."""
+    """Yield a sentence for each output and each number of the base that the communication step changes noticeably."""
     few = _few(runs)
     step = simulator.step_of(few[0].experiment)
     finer = simulator.with_step(0.5 * step)
@@ -44,7 +44,7 @@ def step_doubts(simulator: FmuSimulator, runs: Sequence[MeasuredRun]) -> Iterato
 
 
 def _few(runs: Sequence[MeasuredRun]) -> list[MeasuredRun]:
-    """Return the run that moves least, the one in the middle, and the one that moves most."""
+    """Return the run that moves least, the middle one, and the one that moves most."""
     moved = sorted(runs, key=lambda one: float(np.nanmax(np.nanstd(one.outputs, axis=0), initial=0.0)))
     return [moved[k] for k in sorted({0, len(moved) // 2, len(moved) - 1})]
 
@@ -56,10 +56,10 @@ def _biases(
     changes: Sequence[Array],
     times: float,
 ) -> Iterator[str]:
-    """Yield by how much numbers of the base come out wrong, to first order, as the error of the step looks like them.
+    """Yield sentences on the first-order bias of numbers of the base by the error of the step.
 
     δ = (n JᵀJ + S)⁻¹ n Jᵀ e with e the error of these runs over the noise, J the sensitivity to each number, S the
-    prior precision, and n how many ``times`` as much is measured in all.
+    prior precision, and n (``times``) the ratio of all data to these runs.
     """
     noise = np.array([channel.noise for channel in simulator.channels])
     told, base = noise > 0.0, simulator.nuisances
@@ -84,7 +84,7 @@ def _biases(
 
 
 def _over(outputs: Sequence[Array], told: NDArray[np.bool_], noise: Array) -> Array:
-    """Return all of them in a row, over the noise."""
+    """Return the outputs divided by the noise, as one row."""
     return np.concatenate([(one[:, told] / noise[told]).ravel() for one in outputs])
 
 

@@ -1,4 +1,4 @@
-"""An FMU and the ``[fmu]`` of a map as a system to which files can be mapped."""
+"""An FMU with the ``[fmu]`` of a map, as a system for mapped files."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def fmu_system(
 ) -> System:
     """Return the system of an FMU; ``units`` and ``holds`` are those of the map's columns.
 
-    DiagnosisError for an FMU that cannot be used. ``errors`` of the system holds the errors of the map.
+    Raises DiagnosisError for an FMU that cannot be used. ``errors`` of the system holds the errors of the map.
     """
     try:
         fmu = read_fmu(path)
@@ -91,7 +91,7 @@ class _Maker:
 
     @contextmanager
     def _noted(self, key: str) -> Iterator[None]:
-        """Keep the error of one key, to report all errors at once."""
+        """Store the error of one key, so that all errors are reported at once."""
         try:
             yield
         except (DiagnosisError, FmuError) as error:
@@ -206,7 +206,7 @@ class _Maker:
         )
 
     def _setting(self, one: Variable) -> SystemSetting:
-        """A value for a whole file. The map must give that of an input without a column."""
+        """Return the setting for a value of whole files. An input without a column has no default."""
         default = None if one.causality == "input" else self._own(one)
         low, high = (one.unit.to_si(bound) for bound in (one.low, one.high))
         about = f"{one.description or one.name}; a column or a value for whole files"
@@ -250,7 +250,7 @@ class _Maker:
         dict[str, Hypothesis],
         tuple[tuple[str, TensorSplines], ...],
     ]:
-        """Return base, effects, errors of sensors and surfaces of the correct keys; note errors of the others."""
+        """Return base, effects, sensor errors and surfaces of the valid keys; store errors of the others."""
         keys = self.keys
         sensors = measurement_effects(self._measured(driven, channels, ranges, delay))
         sensors = {name: one for name, one in sensors.items() if name.partition(".")[0] in self._causes(name)}
@@ -369,7 +369,7 @@ class _Maker:
         return self._own(one) if text is None else self._quantity(one, text, where)
 
     def _spread(self, one: Variable, text: str, value: float, where: str) -> float:
-        """A standard deviation: of the unit, or a percentage of the value."""
+        """Return a standard deviation, given in a unit or as a percentage of the value."""
         if text.strip().endswith("%") and one.unit.si != "1":
             spread = abs(value) * quantity(text, "1", where)
         else:
@@ -502,7 +502,9 @@ class _Maker:
         return (unit, found.factor) if right and found is not None else ("", 1.0)
 
     def _shown_in(self, text: str, si: str, otherwise: str = "") -> tuple[str, float]:
-        """Return the unit of a written quantity as `_shown` does; ``otherwise`` for a percentage."""
+        """Return the unit of a written quantity with its factor, see `_shown`; ``otherwise`` is used for a
+        percentage.
+        """
         unit = text.strip().partition(" ")[2].strip()
         return self._shown(unit if unit in self.known and self.known[unit].si == si else otherwise, si)
 

@@ -116,7 +116,7 @@ class _Simulation:
             self.fmi.do_step(time, request.step)
 
     def _restore(self, request: SimulationRequest, begin: float) -> None:
-        """Restore the state at the first sample; without one, simulate to there and save it."""
+        """Restore the state at the first sample; without a saved state, simulate to there and save it."""
         key = (str(request.start), request.at[0].tobytes(), request.step, request.settle)
         if key in self.kept:
             self.kept.move_to_end(key)
@@ -152,7 +152,10 @@ class _Simulation:
     def _simulate_fed_back(
         self, request: SimulationRequest, inputs: _Inputs, outputs: _Outputs
     ) -> NDArray[np.float64]:
-        """As `_simulate`; outputs in the middle of a communication step are extrapolated from the last two."""
+        """Return the outputs as `_simulate`, with surfaces added to inputs.
+
+        Outputs in the middle of a communication step are extrapolated from the last two.
+        """
         from diagnosis.systems.splines import spline_value
 
         def with_terms(row: NDArray[np.float64], seen: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -212,7 +215,7 @@ class _Inputs:
 
 
 class _Outputs:
-    """Collects rows of outputs, sorted by type."""
+    """Collects rows of outputs, grouped by type."""
 
     def __init__(self, fmi: Any, request: SimulationRequest, rows: int) -> None:
         self.fmi = fmi
