@@ -186,8 +186,7 @@ def _bench_holds(name: str) -> Precondition:
             way = foreseen_travel(run.rig, load, asked, asked["wind"])
             if way <= room:
                 return ConditionResult(True, f"at most {way / mm:.1f} of {room / mm:g} mm")
-            winds = np.arange(WINDS.high, WINDS.low - WIND_STEP / 2, -WIND_STEP)
-            held = next((wind for wind in winds if foreseen_travel(run.rig, load, asked, wind) <= room), None)
+            held = _strongest_wind(partial(foreseen_travel, run.rig, load, asked), room)
         except SpecimenError as error:
             return ConditionResult(None, str(error))
         right = (
@@ -203,6 +202,18 @@ def _bench_holds(name: str) -> Precondition:
         return ConditionResult(False, told)
 
     return Precondition("travel of the bolster to its bump stop", look, strict=False)
+
+
+def _strongest_wind(travel: Callable[[float], float], room: float) -> float | None:
+    """Return the strongest wind whose ``travel`` (m) is at most ``room``; None if there is none.
+
+    The search has steps of 1 m/s, then of ``WIND_STEP`` around the strongest wind found, or around the least travel.
+    """
+    coarse = np.arange(WINDS.high, WINDS.low - 0.5, -1.0)
+    ways = np.array([travel(wind) for wind in coarse])
+    near = coarse[np.argmax(ways <= room)] if (ways <= room).any() else coarse[np.argmin(ways)]
+    fine = np.arange(min(near + 1.0, WINDS.high), max(near - 1.0, WINDS.low) - WIND_STEP / 2, -WIND_STEP)
+    return next((float(wind) for wind in fine if travel(wind) <= room), None)
 
 
 def foreseen_travel(rig: Rig, load: Load, asked: Mapping[str, Any], wind: float) -> float:

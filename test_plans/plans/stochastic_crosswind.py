@@ -161,8 +161,8 @@ def stochastic_crosswind(
     found = run.measure(partial(_swings, at < BEFORE, steady), run.rig, values, rate=RATE)
     for (name, limit, unit), value in zip(SWINGS, found, strict=True):
         check_band(run, name, value, unit, limits.band(f"stochastic_crosswind.{limit}", unit))
-    _check_stiffness(run, load, "lateral", values, partial(_sideways, steady))
-    _check_stiffness(run, load, "vertical", values, partial(upright, steady))
+    check_stiffness(run, load, "lateral", values, partial(_sideways, steady))
+    check_stiffness(run, load, "vertical", values, partial(upright, steady))
 
 
 def _swings(
@@ -215,10 +215,13 @@ def irregularity(f: Samples, level: float, train_speed: float) -> Samples:
     return np.asarray(level * high**2 / ((omega2 + low**2) * (omega2 + high**2)) * 2 * np.pi / train_speed)
 
 
-def _check_stiffness(
+def check_stiffness(
     run: Run, load: str, direction: str, values: Values, of: Callable[[Rig, Values], Spectra]
 ) -> None:
-    """Check K' over the band, upright the loss angle too, and keep it over frequency."""
+    """Check K' over the band, upright the loss angle too, and keep it over frequency.
+
+    The limits hold for a track of the low level under a train of ``TRAIN_SPEED``.
+    """
     limits = run.specimen.load(load).limits
     found = of(run.rig, values)
     K = found.between(*BAND)

@@ -76,6 +76,11 @@ MEANT_FOR = {
         {"shell_stiffness_lateral": 25e3},
         {"lateral stiffness K'"},
     ),
+    "track record: auxiliary chambers of half the volume": (
+        "track_record",
+        {"effects": [("auxiliary_volume", "-50 %")]},
+        {"vertical stiffness K', 0.5 to 2 Hz", "vertical loss angle, 0.5 to 2 Hz"},
+    ),
     "differential pressure valve: stuck open": (
         "differential_pressure_valve",
         {"faults": [("stuck_dpv", {"at": "open"})]},
