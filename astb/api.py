@@ -1,4 +1,4 @@
-"""The names behind ``import astb``: a bench for experiments, and plans that run on it."""
+"""The functions of ``import astb``: open a bench, run plans, and diagnose records."""
 
 import atexit
 import logging

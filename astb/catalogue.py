@@ -1,8 +1,8 @@
 """The catalogue of plans that judge, as tests: `pytest --pyargs astb.catalogue --rig local`.
 
-One test a plan, and where a parameter has a few choices (a load, an axis) one for each of them. `-k lateral` takes some
-of them; `--plan-set amplitude=20mm` gives a parameter, as `astb run --set` does, to all plans that have one of that
-name. The plugin of pytest gives the fixtures; a plan that is blocked, or cannot measure everything, does not pass.
+There is one test for each plan, and for each choice of parameters with a few choices (a load, an axis). `-k lateral`
+selects tests; `--plan-set amplitude=20mm` sets a parameter, like `astb run --set`, for all plans that have it. The
+pytest plugin provides the fixtures. A plan that is blocked, or cannot measure everything, does not pass.
 """
 
 import warnings
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def variants(plan: Plan, given: Mapping[str, str]) -> Iterator[Plan]:
-    """Yield ``plan`` with each combination of those choices that are not ``given``. ParameterRefused as it says."""
+    """Yield ``plan`` with each combination of the choices that are not ``given``. Raises ParameterRefused."""
     own = {one.name: given[one.name] for one in plan.parameters if one.name in given}
     open_choices = [
         [(one.name, choice) for choice in one.choices]
@@ -35,7 +35,7 @@ def variants(plan: Plan, given: Mapping[str, str]) -> Iterator[Plan]:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Make a test of every plan that judges."""
+    """Generate a test for every plan that judges."""
     if "plan" not in metafunc.fixturenames:
         return
     given = dict(text.partition("=")[::2] for text in metafunc.config.getoption("astb_settings"))
@@ -60,6 +60,6 @@ def _name(plan: Plan) -> str:
 
 
 def test_plan(run: "Callable[[Plan], Result]", plan: Plan) -> None:
-    """Run the plan; it passes if everything that it measures does."""
+    """Run the plan; it passes if all its measurements pass."""
     result = run(plan)
     assert result.verdict == "pass", "\n".join(str(one) for one in result.checks if one.verdict != "pass")

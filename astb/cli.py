@@ -56,7 +56,7 @@ HEADINGS: Final = {
 
 
 def main() -> NoReturn:
-    """Run the command line; errors that users can correct are one sentence, not a traceback."""
+    """Run the command line. Errors that users can correct are printed as one sentence, not as a traceback."""
     # Imported objects stay to the end: collecting garbage among them took 0.16 s of a short command.
     gc.set_threshold(*GARBAGE_COLLECTED_AFTER)
     warnings.formatwarning = lambda message, *_args, **_options: f"astb: {message}\n"

@@ -68,7 +68,7 @@ class DiagnosisRequest:
 def diagnose_data(request: DiagnosisRequest, out: Path, console: "Console") -> Finding:
     """Run the requested diagnosis, and write all results into ``out``.
 
-    DiagnosisError, RecordError or ParameterError; they name the file, the value and the correct form.
+    Raises DiagnosisError, RecordError or ParameterError; the text names the file, the value and the correct form.
     """
     for path in request.data:
         if not path.exists():
@@ -97,9 +97,10 @@ def conclude(
     out: Path,
     progress: Progress,
 ) -> Finding:
-    """Diagnose, and write finding and report into ``out``; of the bench the extended ``model``, of an FMU its values.
+    """Diagnose, and write finding and report into ``out``, with the extended ``model`` of a bench, or the values of an
+    FMU.
 
-    Of a bench the finding ranks the menu of separating runs, and predicts stiffness and damping of other plans.
+    For a bench the finding also ranks the menu of separating runs, and predicts stiffness and damping of other plans.
     """
     further: tuple[Experiment, ...] = ()
     checks: StiffnessChecks | None = None
@@ -117,12 +118,14 @@ def conclude(
 
 
 def rig_of(parameters: "Parameters") -> "Description":
-    """Return what plans would know of a rig that is built with a set of parameters."""
+    """Return the description of a rig that is built with a set of parameters, as plans read it."""
     return Description("the rig", ordinary().built(dimensions_of(parameters)))
 
 
 def clear_results(out: Path) -> None:
-    """Make the directory of results, without those of an earlier diagnosis. DiagnosisError if it cannot be used."""
+    """Create the directory of results, and remove those of an earlier diagnosis. DiagnosisError if it cannot be
+    used.
+    """
     try:
         out.mkdir(parents=True, exist_ok=True)
         for name in (FINDING, REPORT, EXTENDED, PARAMETERS, VALUES):
@@ -133,7 +136,7 @@ def clear_results(out: Path) -> None:
 
 @contextmanager
 def progress_bar(console: "Console") -> Iterator[Progress]:
-    """Show how far a diagnosis is, while the block lasts: in plain lines where there is no terminal."""
+    """Show the progress of a diagnosis during the block; without a terminal as plain lines."""
     if not console.is_terminal:
         yield lambda text, done: console.print(f"{done:4.0%} {text}", soft_wrap=True)
         return
@@ -158,7 +161,7 @@ def read_data(
 
     For runs of the bench, `with_roles` selects those that choose models and those that validate the gain.
 
-    DiagnosisError or RecordError, which name the file and what would be right.
+    Raises DiagnosisError or RecordError, which name the file and the correct form.
     """
     if map_path is not None or own is not None:
         return read_mapped(paths, map_path, own, columns_of_frames)
@@ -197,10 +200,11 @@ def _stated_in(record: "Record") -> dict[str, float]:
 
 
 def with_roles(dataset: Dataset) -> Dataset:
-    """Return the dataset: of each screening, one run chooses models, one validates the gain, and the others are fitted.
+    """Return the dataset with roles: of each screening, one run selects models, one validates the gain, the others are
+    fitted.
 
-    Runs of separating plans are fitted. The two that are kept back have different loads and stretches, so that the fit
-    sees every load, and every stretch under one of them.
+    Runs of separating plans are fitted. The two runs that are kept back have different loads and stretches, so that the
+    fit includes every load, and every stretch under at least one load.
     """
     screenings: dict[str, list[str]] = {}
     for run in dataset.runs:
@@ -215,7 +219,9 @@ def with_roles(dataset: Dataset) -> Dataset:
 
 
 def _kept_back(names: Sequence[str]) -> dict[str, Role]:
-    """Return the roles of a screening's runs that are not fitted; under every load a run is left to be fitted."""
+    """Return the roles of a screening's runs that are not fitted. At least one run under every load stays for the
+    fit.
+    """
     loads: dict[str, list[str]] = {}
     for name in names:
         loads.setdefault(name.split()[2], []).append(name)
@@ -229,10 +235,10 @@ def _kept_back(names: Sequence[str]) -> dict[str, Role]:
 def chosen_effects(
     text: str | None, simulator: Simulator, held: Collection[str] = ()
 ) -> tuple[str, ...] | None:
-    """Return the effects named in ``text``, with commas; None represents the whole catalogue.
+    """Return the effects named in ``text``, separated by commas; None stands for the whole catalogue.
 
-    A name without its place represents all places. DiagnosisError for one that the catalogue does not have, and for one
-    that the model in doubt has already: ``held``.
+    A name without a place stands for all places. DiagnosisError for an effect that is not in the catalogue, or that is
+    already in the model (``held``).
     """
     if text is None:
         return None
@@ -251,7 +257,9 @@ def chosen_effects(
 
 
 def show(finding: Finding, out: Path, console: "Console") -> None:
-    """Print the finding: doubts, the four parts of its summary, causes with intervals, rivals, where the report is."""
+    """Print the finding: doubts, the four parts of its summary, causes with intervals, rivals, and the path of the
+    report.
+    """
 
     def line(text: str, style: str = "") -> None:
         console.print(text, style=style, soft_wrap=True)
@@ -289,7 +297,7 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
 
 
 def _checks(rows: Sequence[CheckPrediction]) -> "Table":
-    """Return the predictions of the models for the measurements of plans, rounded to their uncertainty."""
+    """Return the predicted figures of plans by each model, rounded to their uncertainty."""
     columns = ("check", "stock", "tuned", "extended", "±", "measured", "unit")
     table = open_table(
         "Statistics: stiffness and damping at the checks' frequencies", *columns, whole=columns[:1]
@@ -304,7 +312,7 @@ def _checks(rows: Sequence[CheckPrediction]) -> "Table":
 
 
 def _roles(of: Provenance) -> str:
-    """Return the runs of each role: fitted, choice of causes, validation of the gain."""
+    """Return the runs of each role as text: fitted, choice of causes, validation of the gain."""
     roles = {"fitted to": of.fit, "causes selected on": of.select, "gain measured on": of.report}
     return "; ".join(f"{what} {_runs(names)}" for what, names in roles.items() if names)
 

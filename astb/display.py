@@ -34,7 +34,7 @@ _PER_SECOND: Final = 4
 
 
 class _Screen(Progress):
-    """A bar, and below it the latest snapshot of a run: it draws by time, whatever happens meanwhile.
+    """A progress bar, and below it the latest snapshot of a run, drawn at regular intervals.
 
     Nothing is drawn while a question waits, because the answer is typed there.
     """
@@ -62,7 +62,9 @@ class _Screen(Progress):
 
 
 class ProgressDisplay:
-    """What the operator sees: on a terminal a bar and the run as it is, through a pipe lines; a plan's watcher."""
+    """The display for the operator: a bar and the state of the run on a terminal, lines through a pipe; a plan's
+    watcher.
+    """
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -84,7 +86,7 @@ class ProgressDisplay:
 
     @property
     def live(self) -> Live | None:
-        """The run that is shown, or was last."""
+        """The present run, or the last one."""
         return self._live
 
     def __enter__(self) -> Self:
@@ -96,17 +98,17 @@ class ProgressDisplay:
             self._screen.stop()
 
     def introduce(self, text: str) -> None:
-        """Show, once, under which circumstances is measured."""
+        """Show once the circumstances of the measurement."""
         if text and text != self._introduced:
             self._introduced = text
             self._print(text, "bold")
 
     def warn(self, text: str) -> None:
-        """Show what a user has to know before they touch the bench."""
+        """Show a warning that a user must read before touching the bench."""
         self._print(f"  {text}", "bold")
 
     def begin(self, plan: str, live: Live | None = None) -> None:
-        """Show that ``plan`` begins, and if it is a run from now on how it goes."""
+        """Show that ``plan`` begins; with ``live`` also show its progress."""
         if self._task is not None:
             self._screen.remove_task(self._task)
         self._live = self._screen.run = live
@@ -136,7 +138,7 @@ class ProgressDisplay:
             self._print(f"{time}  {'  ' * (len(path) - 1)}{path[-1]}")
 
     def progress(self, fraction: float) -> None:
-        """Show how much of the plan is done."""
+        """Show the completed fraction of the plan."""
         if self._live is not None:
             self._live.progress(fraction)
         if self._task is not None:
@@ -154,7 +156,7 @@ class ProgressDisplay:
         self._print(f"  {check}", _COLOURS[check.verdict])
 
     def conclude(self, result: Result, directory: Path, *, deviates: bool) -> None:
-        """Show the verdict on a plan, whether the rig deviates from its model, and where the report lies."""
+        """Show the verdict of a plan, whether the rig deviates from its model, and the path of the report."""
         if self._live is not None:
             self._live.conclude(result)
             self._screen.run = None

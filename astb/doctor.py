@@ -1,4 +1,4 @@
-"""What is available on this machine, and what is missing: packages, priority, SocketCAN, ports, tools."""
+"""Check of this machine: available and missing packages, priority, SocketCAN, ports, tools."""
 
 from __future__ import annotations
 
@@ -172,7 +172,7 @@ def _compiled_code() -> MachineCheck:
 
 
 def _can_write(folder: str | Path) -> bool:
-    """Test it with a temporary file without a name, because permissions alone are not reliable."""
+    """Return whether a temporary file can be created; permissions alone are not reliable."""
     try:
         tempfile.TemporaryFile(dir=folder).close()
     except OSError:
@@ -192,7 +192,7 @@ def _processors() -> MachineCheck:
 
 
 def _in_a_thread(attempt: Callable[[], None]) -> str:
-    """Return why ``attempt`` fails, in a thread whose priority no one else has; empty if it does not."""
+    """Return why ``attempt`` fails in a separate thread, which has its own priority; "" if it succeeds."""
     said = ""
 
     def body() -> None:
@@ -290,7 +290,7 @@ def _socketcan() -> MachineCheck:
 
 
 def _has_wide_tiles() -> bool:
-    """Whether the processor has AMX, whose registers user-mode Linux has no room for."""
+    """Return whether the processor has AMX, whose registers user-mode Linux does not support."""
     try:
         return "amx_tile" in Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:

@@ -1,4 +1,4 @@
-"""Records to and from the files of other programs, in all forms that are known."""
+"""Conversion of records to and from the files of other programs, in all known formats."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ FORMS: Final = (*tables.FORMS, *reading.FORMS)
 def export_run(directory: Path, target: Path, rate: float, names: Sequence[str]) -> str:
     """Write the run in ``directory`` as ``target``; return a summary as text.
 
-    Tables have ``rate`` rows a second; MDF 4 every sample; files of CAN frames those that the run kept, all of them.
-    RecordError for what cannot be; OSError for a file that cannot be written.
+    Tables have ``rate`` rows per second. MDF 4 has every sample. CAN logs have all frames that the run recorded.
+    RecordError for an impossible export; OSError for a file that cannot be written.
     """
     form = _known_form(target, [one for one in FORMS if one.write is not None])
     if form in reading.FORMS:
@@ -56,9 +56,9 @@ def export_run(directory: Path, target: Path, rate: float, names: Sequence[str])
 def import_file(source: Path, directory: Path, keys: LogKeys | None = None, table: Sequence[str] = ()) -> str:
     """Convert a file to a run in the new ``directory``; return a summary of imported and skipped data as text.
 
-    A file of CAN frames is read with our own messages, or with those of a DBC: then its signals are called
-    MESSAGE.SIGNAL, in the units of the DBC; ``keys`` state how it is meant. ``table`` are keys for the reader of
-    tables, as KEY=VALUE. RecordError for what cannot be.
+    A CAN log is decoded with our own messages or with those of a DBC. Then its signals are called MESSAGE.SIGNAL, in
+    the units of the DBC; ``keys`` state how to read it. ``table`` are keys for the reader of tables, as KEY=VALUE.
+    RecordError for an impossible import.
     """
     form = _known_form(source, [one for one in FORMS if one.read is not None])
     if not source.is_file():
@@ -89,7 +89,7 @@ def import_file(source: Path, directory: Path, keys: LogKeys | None = None, tabl
 
 
 def _refuse_idle_keys(source: Path, keys: LogKeys, table: Sequence[str], frames: bool) -> None:
-    """RecordError for a key that says nothing of such a file: anyone who gave it meant something."""
+    """Raise RecordError for a key without effect on this kind of file."""
     if frames:
         idle = {
             "--table": (table, f"only for tables and MDF files, not for the frames in {source}"),
@@ -109,7 +109,7 @@ def _refuse_idle_keys(source: Path, keys: LogKeys, table: Sequence[str], frames:
 
 
 def _conclude(source: Path, directory: Path, account: Account) -> None:
-    """Write the result of a run that no one judged here, so that report and index know it."""
+    """Write the result of an imported run, which has no verdict, so that report and index list it."""
     title = f"Imported from {source.name}"
     reason = "imported: nothing was judged here"
     conclude("imported", title, "", [], reason=reason, warnings=account.lines()).write(directory)

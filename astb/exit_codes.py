@@ -1,4 +1,4 @@
-"""How the command `astb` ends: what its exit codes mean, and how a command ends with one."""
+"""The exit codes of the command `astb`, and functions that end a command with one."""
 
 from typing import Final, NoReturn
 

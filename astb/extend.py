@@ -1,4 +1,4 @@
-"""The extended model of a finding, as a file: fitted parameters, causes, and terms without a name."""
+"""The extended model of a finding as a file: fitted parameters, causes, and terms without a name."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -23,7 +23,7 @@ _OFFSET: Final = ".offset"
 def write_extended(path: Path, finding: Finding, based_on: str) -> None:
     """Write the extended model of ``finding`` to ``path``; ``based_on`` is the model in doubt, a set or a file.
 
-    Numbers are rounded to `DIGITS`; their intervals stand above them as comments. Raises OSError.
+    Numbers are rounded to `DIGITS`; their intervals are comments above them. Raises OSError.
     """
     parameters = load(based_on)
     base = based_on if Path(based_on).suffix != ".toml" else os.path.relpath(based_on, path.parent)
@@ -37,7 +37,7 @@ def write_extended(path: Path, finding: Finding, based_on: str) -> None:
 
 
 def changes_of(values: Mapping[str, float], parameters: Parameters) -> dict[str, Any]:
-    """Parameters in the shape that the set has them: by side, for both sides alike, and offsets by sensor."""
+    """Return parameters in the form of a parameter set: by side, for both sides together, and offsets by sensor."""
     changes: dict[str, Any] = {}
     for name, value in values.items():
         side, _, quantity = name.partition(".")
@@ -60,7 +60,7 @@ def _sensor(name: str) -> str:
 
 
 def _surfaces(finding: Finding, parameters: Parameters) -> dict[str, Any]:
-    """Terms without a name, on top of those that the set has already, with the spans over which they lie."""
+    """Return terms without a name, added to those of the set, with their spans."""
     changes: dict[str, Any] = {}
     for name, coefficients in finding.models.effects.items():
         if name in TERMS:
@@ -77,7 +77,7 @@ def _effects(finding: Finding) -> dict[str, dict[str, float]]:
 
 
 def _notes(finding: Finding, parameters: Parameters) -> Notes:
-    """95 % intervals of the fitted parameters, and the ranges of terms without a name."""
+    """Return 95 % intervals of the fitted parameters, and the ranges of terms without a name."""
     notes: dict[str, dict[str, str]] = {"change": {}, "sensor_bias": {}}
     for name, side, text in _fitted(finding):
         if name.endswith(_OFFSET):
@@ -99,7 +99,7 @@ def _notes(finding: Finding, parameters: Parameters) -> Notes:
 
 
 def _fitted(finding: Finding) -> Iterator[tuple[str, str, str]]:
-    """Name, side and interval of every parameter of the extended model, in the order in which it is written."""
+    """Yield name, side and interval of every parameter of the extended model, in the order of the file."""
     shifts = {shift.name: shift for shift in finding.shifts if not shift.run}
     for name in finding.models.after:
         shift = shifts.get(name)
@@ -112,7 +112,7 @@ def _fitted(finding: Finding) -> Iterator[tuple[str, str, str]]:
 
 
 def interval(low: float, high: float, unit: str) -> str:
-    """Return a 95 % interval in words, with the digits that it deserves."""
+    """Return a 95 % interval as text, with digits by its width."""
     digits = decimals(low, high)
     return f"95 %: {low:.{digits}f} to {high:.{digits}f} {unit}".removesuffix(" 1")
 

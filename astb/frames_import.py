@@ -1,4 +1,4 @@
-"""What the frames of a log say: which messages they are, on which channel, and the samples in them."""
+"""Decoding of the frames of a log: their messages, their channels, and the samples in them."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _SENDER: Final = 0x3FF_FFFF
 
 @dataclass(frozen=True)
 class LogKeys:
-    """How a log of frames is meant, where it does not report by itself."""
+    """Properties of a log of frames that it does not state itself."""
 
     dbc: Path | None = None
     charset: str | None = None  #: of the DBC
@@ -61,7 +61,7 @@ class Log:
 
 
 def read_frames_of(source: Path, keys: LogKeys, account: Account) -> Log:
-    """Return what a log says in our own messages, or in those of a DBC. RecordError for what cannot be."""
+    """Return the content of a log by our own messages, or by those of a DBC. Raises RecordError."""
     try:
         dbc = None if keys.dbc is None else read_dbc(keys.dbc, keys.charset)
         frames = read_log(source, account, keys.stamps)
@@ -78,7 +78,7 @@ def read_frames_of(source: Path, keys: LogKeys, account: Account) -> Log:
 
 
 def _put_together(frames: Frames, dbc: Dbc, account: Account) -> Frames:
-    """Return frames of which those that carry parts of J1939 messages are whole messages."""
+    """Return the frames with the parts of J1939 transport messages joined to whole messages."""
     parts = {
         kind
         for kind in frames.kinds
@@ -103,7 +103,7 @@ def _put_together(frames: Frames, dbc: Dbc, account: Account) -> Frames:
 def _on_channel(
     source: Path, counts: Mapping[Kind, int], channel: str | None, account: Account
 ) -> dict[Kind, int]:
-    """Return the kinds of frames on the channel that is meant, or on all."""
+    """Return the kinds of frames on the selected channel, or on all."""
     channels = sorted({kind.channel for kind in counts})
     if channel is None:
         return dict(counts)
@@ -210,7 +210,7 @@ def _by_dbc(
 
 
 def _ranges(decodings: Mapping[str, Decoding], index: Mapping[tuple[str, str], int]) -> tuple[Any, Any]:
-    """Return the least and greatest value (n,) that the DBC gives each signal, less what rounding makes of them."""
+    """Return the smallest and largest value (n,) of each signal by the DBC, widened by rounding errors."""
     low, high = np.full(len(index), -np.inf), np.full(len(index), np.inf)
     for (name, signal), place in index.items():
         one = decodings[name].signals[signal]
@@ -225,7 +225,7 @@ def _ranges(decodings: Mapping[str, Decoding], index: Mapping[tuple[str, str], i
 def _names(
     source: Path, counts: Mapping[Kind, int], dbc: Dbc, account: Account
 ) -> dict[Kind, tuple[str, Described]]:
-    """Return what each kind of frames is called, and its message; of several senders each has its own name."""
+    """Return name and message of each kind of frames. Messages of several senders get a name for each sender."""
     found: dict[Kind, Described] = {}
     for kind, count in counts.items():
         message = dbc.of(kind.identifier, kind.extended)
@@ -253,7 +253,7 @@ def _names(
 
 
 def _called(message: Described, identifier: int, senders: set[int]) -> str:
-    """Return the name of a message as its sender has it: with the address, of J1939, where there are several."""
+    """Return the name of a message; for a J1939 message with several senders with the sender's address."""
     if len(senders) < 2:
         return message.name
     to = {one >> 8 & 0xFF for one in senders}
@@ -273,7 +273,7 @@ def columns_of_frames(
 ) -> dict[str, Series] | None:
     """Return the ``wanted`` signals of a log, each with its own times; None for a file of another kind.
 
-    MDF files are logs where the keys name a DBC. DiagnosisError names the file, the key and what would be right.
+    MDF files are logs if the keys name a DBC. DiagnosisError names the file, the key and the correct form.
     """
     if frames_form(path, keys.dbc is not None) is None:
         if path.is_file() and (what := log_of_others(path)):

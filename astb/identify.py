@@ -1,4 +1,4 @@
-"""`astb identify`: from records to the parameters of springs, of an FMU or of any simulator, each with its interval."""
+"""`astb identify`: estimate the parameters of springs, of an FMU or of any simulator from records, with intervals."""
 
 import os
 from collections.abc import Iterator, Sequence
@@ -113,7 +113,7 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
 def identify_data(request: IdentificationRequest, out: Path | None, console: "Console") -> Answer:
     """Run the requested identification, and write it to ``out`` if given; or predict the result of a run.
 
-    DiagnosisError, RecordError or ParameterError; they name the file, the value and the correct form.
+    Raises DiagnosisError, RecordError or ParameterError; the text names the file, the value and the correct form.
     """
     if request.simulator is not None:
         _refuse_springs(request, request.simulator)
@@ -162,7 +162,7 @@ def identify_springs(
 
 
 def _refuse_springs(request: IdentificationRequest, name: str) -> None:
-    """Refuse options that are about springs of the bench."""
+    """Raise DiagnosisError for options that apply only to springs of the bench."""
     given = {
         "--specimen": request.specimen,
         "--expect": request.expect,
@@ -175,7 +175,7 @@ def _refuse_springs(request: IdentificationRequest, name: str) -> None:
 
 
 def _of_simulator(simulator: "Simulator", dataset: "Dataset", out: Path | None, progress: Progress) -> Answer:
-    """Identify all numbers of the base of any simulator: it needs no catalogue."""
+    """Identify all base parameters of any simulator; no catalogue is needed."""
     if not simulator.nuisances:
         raise DiagnosisError(
             f"{simulator.name} names no parameter to identify; state [fmu.base] in the map of an FMU, or nuisances in "
@@ -197,7 +197,7 @@ def _of_simulator(simulator: "Simulator", dataset: "Dataset", out: Path | None, 
 
 
 def drawn_as(parameters: "Parameters", specimen: "Specimen | None") -> "Parameters":
-    """Return a set with what a drawing states of its springs."""
+    """Return a parameter set with the values of the drawing of a specimen."""
     if specimen is None:
         return parameters
     return parameters.with_values(**{name: getattr(specimen, name) for name in DRAWING})
@@ -210,7 +210,7 @@ def _programme(name: str) -> "Programme":
 
 
 def _looked_ahead(parameters: "Parameters", ahead: "Programme", console: "Console") -> Answer:
-    """Report how well a run would determine the parameters of springs of which only a set is known."""
+    """Predict how well a run would determine the parameters of springs, from a parameter set alone."""
     with progress_bar(console) as progress:
         progress(f"looking ahead to {ahead.name}", 0.0)
         simulator = UnknownSpring(parameters)
@@ -256,7 +256,7 @@ def _further(found: Identification, untold: Sequence[Identified], parameters: "P
 
 
 def _shapes(found: Identification) -> Iterator[Shape]:
-    """Yield the shape of each bellows over the heights and the lateral displacements at which the runs were."""
+    """Yield the shape of each bellows over the range of heights and lateral displacements in the runs."""
     runs = [run.experiment for run in found.model.replay.runs]
     shears = [run.inputs["shear"] for run in runs if "shear" in run.inputs]
     for side in SIDES:
@@ -306,7 +306,7 @@ def _row(one: Identified, title: str) -> Row:
 def write_springs(
     path: Path, found: Identification, dataset: "Dataset", parameters: "Parameters", based_on: str
 ) -> None:
-    """Write the model that was identified, with the interval of each parameter above it. DiagnosisError."""
+    """Write the identified model, with the interval of each parameter as a comment. Raises DiagnosisError."""
     asked = _asked(found)
     base = based_on if Path(based_on).suffix != ".toml" else os.path.relpath(based_on, path.parent)
     stated, effects = _stated(parameters, load(based_on))
@@ -321,7 +321,7 @@ def write_springs(
 def _stated(
     parameters: "Parameters", base: "Parameters"
 ) -> tuple[dict[str, Any], dict[str, dict[str, float]]]:
-    """Return the changes that a map, a drawing or the dimensions of a rig make in a set: parameters and effects."""
+    """Return the changes of a map, a drawing or the dimensions of a rig to a set: parameters and effects."""
     changes: dict[str, Any] = {}
     for name, entry in parameters.entries.items():
         value, before = np.asarray(entry.value), np.asarray(base.entries[name].value)

@@ -1,4 +1,6 @@
-"""`astb investigate`: screening, diagnosis, and the run that would decide, in a loop until there is a verdict."""
+"""`astb investigate`: screening, diagnosis, and the run that separates the causes best, in a loop until there is a
+verdict.
+"""
 
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -94,7 +96,7 @@ def investigate_rig(
 ) -> bool:
     """Investigate ``rig`` against ``model`` and show the finding; return whether there is one.
 
-    RigFileError, ParameterError, DiagnosisError, RecordError or BenchError, as `astb run` and `astb diagnose` raise.
+    Raises RigFileError, ParameterError, DiagnosisError, RecordError or BenchError, like `astb run` and `astb diagnose`.
     """
     allowed = read_value("--budget", budget, "s") / minutes
     parameters = load(model)
@@ -132,7 +134,7 @@ def investigate_rig(
 
 
 def history(log: Investigation) -> "InvestigationHistory":
-    """Return the log as the report shows it."""
+    """Return the log in the form of the report."""
     runs = [
         RunOfInvestigation(step.plan, step.minutes, step.why, step.sentence or step.outcome)
         for step in log.steps
@@ -209,11 +211,11 @@ def investigate(
     diagnose: Callable[[Sequence[Path]], Finding],
     display: ProgressDisplay,
 ) -> Investigation:
-    """Run ``first``, diagnose, and go on with what decides most per minute while the budget (min) lasts.
+    """Run ``first``, diagnose, and continue with the plan that decides most per minute, within the budget (min).
 
-    ``diagnose`` is given the directories of all records so far. The log is written after every run and at the end,
-    also after an error. RecordError if even the first programme does not fit into the budget, or a directory cannot be
-    used; what ``diagnose`` raises passes.
+    ``diagnose`` gets the directories of all records so far. The log is written after every run and at the end, also
+    after an error. RecordError if the budget is too small for the first plan, or if a directory cannot be used. Errors
+    of ``diagnose`` are not caught.
     """
     needed = lasts(first) / minutes
     if needed > budget:
@@ -243,7 +245,7 @@ def _decide(
     diagnose: Callable[[Sequence[Path]], Finding],
     display: ProgressDisplay,
 ) -> str:
-    """Run and diagnose, each step into the ``log``, until nothing is left to be done; return why."""
+    """Run and diagnose, with each step in the ``log``, until no useful run is left; return the reason."""
     records: list[Path] = []
     attempts = 0
     programme, why = first, "to see where the model is wrong"
@@ -289,7 +291,7 @@ def _decide(
 
 
 def _computed_while_connected(session: Session, work: Callable[[], T]) -> T:
-    """Return what ``work`` computes; meanwhile keep the connection, which a rig closes after a silent minute."""
+    """Return the result of ``work``; meanwhile keep the connection, which a rig closes after a silent minute."""
     if session.virtual:
         return work()
     with ThreadPoolExecutor(1) as pool:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 class Listening:
     """One connection to the rig of ``wiring``; it does not disturb the commander.
 
-    As a context manager it is open from the beginning to the end, and has not been lost meanwhile.
+    As a context manager it is open during the block, and raises an error at the end if the connection was lost.
     """
 
     def __init__(self, wiring: "Wiring", clock: "Clock", within: float) -> None:
@@ -28,7 +28,7 @@ class Listening:
         self.readings = Readings(self.receiver, self.settings.reading)
 
     def open(self) -> Self:
-        """Begin to listen. LinkLost if no message arrives in time, MapMismatch if it is another rig."""
+        """Begin to listen. LinkLost if no message arrives in time, MapMismatch if the rig uses another signal map."""
         try:
             self.wiring.open(self.clock, self.receiver.receive, self._on_lost, within=self._within)
             self.readings.renew()

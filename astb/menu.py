@@ -24,7 +24,7 @@ BANDWIDTH: Final = 16 * Hz
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """A plan of the menu with the BIC gap that its runs together are predicted to open between the rival causes."""
+    """A plan of the menu, with the predicted BIC gap between the rival causes from all its runs."""
 
     plan: str
     minutes: float
@@ -34,9 +34,10 @@ class Offer:
 def experiments(
     menu: Mapping[str, Programme], specimen: Specimen | None = None, rig: Description | None = None
 ) -> tuple[Experiment, ...]:
-    """Return every run of every plan on a ``specimen`` and a ``rig`` (the bench's own), as its record will name it.
+    """Return every run of every plan on a ``specimen`` and a ``rig`` (default: the bench's own), with the names of
+    records.
 
-    Each costs its share of the plan's time.
+    Each has its share of the plan's time as cost.
     """
     spring, built = specimen or ordinary(), rig or ours()
     return tuple(run for programme in menu.values() for run in _runs(programme, spring, built))
@@ -45,7 +46,7 @@ def experiments(
 def offers(finding: Finding, menu: Mapping[str, Programme]) -> list[Offer]:
     """Return the plans of the menu that the finding ranks, the one with the largest gap per minute first.
 
-    Independent runs add up: the gap of a plan is the sum over its runs.
+    Runs are independent, so the gap of a plan is the sum over its runs.
     """
     gaps: dict[str, float] = {}
     for run in finding.next_runs:
@@ -66,7 +67,7 @@ def _runs(programme: Programme, spring: Specimen, rig: Description) -> Iterator[
 def planned(
     name: str, spring: Specimen, rig: Description, load: str, stretch: Stretch, cost: float
 ) -> Experiment:
-    """Return a stretch under a load as an experiment that costs so many minutes."""
+    """Return a stretch under a load as an experiment with this cost in minutes."""
     asked = trajectory(stretch, rig)
     still = np.zeros_like(asked.time)
     heights = {side: _band_limited(height) for side, height in asked.heights.items()}
@@ -97,7 +98,7 @@ def planned(
 def _band_limited(asked: Array) -> Array:
     """Return set-points (n,) without components above `BANDWIDTH`, which rounds their corners.
 
-    No actuator makes a sharp corner, and a record is smoothed.
+    An actuator cannot make a sharp corner, and a record is smoothed.
     """
     from scipy.signal import butter, sosfiltfilt
 
@@ -105,7 +106,7 @@ def _band_limited(asked: Array) -> Array:
 
 
 def _pressure(spring: Specimen, load: str, height: float) -> float:
-    """Gauge pressure at a ``height`` of a spring that was closed while it carried its load at design height."""
+    """Return the gauge pressure at a ``height`` of a spring that was closed with its load at design height."""
     volume = spring.bellows_volume + spring.auxiliary_volume
     filled = spring.load(load).fill_pressure + ATMOSPHERE
     absolute = filled * volume / (volume + spring.effective_area * height)

@@ -1,4 +1,4 @@
-"""Messages of a run to anyone who is not there: at a question and at the end, to a command or to a webhook."""
+"""Messages of a run to users elsewhere, at a question and at the end, to a command or to a webhook."""
 
 import shlex
 import shutil
@@ -34,14 +34,14 @@ class MessageError(ValueError):
 
 
 class Receiver(Protocol):
-    """Who gets messages."""
+    """A receiver of messages."""
 
     def take(self, text: str, content: bytes) -> str:
-        """Take a message, in words and as JSON; return what went wrong, "" if nothing did."""
+        """Send a message, as text and as JSON; return an error as text, "" on success."""
 
 
 class Command:
-    """A command of this machine: the words are its last argument, the JSON is on its standard input."""
+    """A command of this machine: the text is its last argument, the JSON is on its standard input."""
 
     def __init__(self, words: list[str]) -> None:
         self._words = words
@@ -64,7 +64,7 @@ class Command:
 
 
 class Webhook:
-    """A web server that takes the JSON as a POST; it is not followed to where it sends one on."""
+    """A web server that receives the JSON as a POST; redirections are not followed."""
 
     def __init__(self, url: SplitResult, address: str) -> None:
         self._url, self._address = url, address
@@ -87,7 +87,7 @@ class Webhook:
 
 
 def receiver(to: str, *, elsewhere: bool = False) -> Receiver:
-    """Return who ``to`` is: a webhook (http://…), on this machine unless ``elsewhere`` is allowed, or a command.
+    """Return the receiver ``to``: a webhook (http://…), on this machine unless ``elsewhere`` is allowed, or a command.
 
     MessageError for a wrong receiver, before any message is sent.
     """
@@ -129,7 +129,7 @@ def _webhook(to: str, elsewhere: bool) -> Webhook:
 
 
 class Messages:
-    """Sends the messages of a run, each in its own thread: no run waits, and no message is lost."""
+    """Sends the messages of a run, each in its own thread, so that no run waits."""
 
     def __init__(self, to: Receiver) -> None:
         self._to = to
@@ -151,7 +151,7 @@ class Messages:
         )
 
     def operator(self, operator: "Operator | None", plan: str) -> "Operator | None":
-        """Return ``operator`` with a message for each question that waits for him."""
+        """Return ``operator``, with a message for each question that waits for an answer."""
         return _Called(operator, self._asked, plan) if isinstance(operator, QuestionBox) else operator
 
     def _asked(self, plan: str, question: "Question") -> None:
@@ -175,7 +175,7 @@ class Messages:
 
 
 class _Called:
-    """An operator who is called when a question waits for him."""
+    """An operator who receives a message when a question waits."""
 
     def __init__(self, operator: "QuestionBox", call: "Callable[[str, Question], None]", plan: str) -> None:
         self._operator, self._call, self._plan = operator, call, plan

@@ -35,9 +35,9 @@ class AnswersFileError(ValueError):
 
 
 class SimulatedHand:
-    """Carries out deeds of an operator on a simulated rig, such as ``estop on``; ``estop`` is the name of a fault.
+    """Performs deeds of an operator on a simulated rig, such as ``estop on``; ``estop`` is the name of a fault.
 
-    ``order`` gives the rig an order of its fault panel and returns the answer.
+    ``order`` sends the rig an order of its fault panel and returns the answer.
     """
 
     def __init__(self, order: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
@@ -159,7 +159,7 @@ def read_answers(path: Path) -> Script:
 def operator_for(answers: str | None, console: Console) -> Operator:
     """Return the operator: the file ``answers``, the standard input for ``-``, a panel for ``@panel``, else a terminal.
 
-    AnswersFileError as `read_answers`.
+    Raises AnswersFileError like `read_answers`.
     """
     if answers == PANEL:
         return QuestionBox()

@@ -35,7 +35,7 @@ _GAP: Final = "\0"
 
 
 def renamed(words: Sequence[str]) -> list[str]:
-    """Return a command line with its new name; empty if its name is not an old one."""
+    """Return a command line with the new name of its command; empty if the name is not an old one."""
     line = _GAP.join(words)
     for old, new in RENAMED:
         if match := re.match(f"(?:{old.replace(' ', _GAP)})(?={_GAP}|$)", line):
@@ -118,7 +118,7 @@ class CommandGroup(click.Group):
         }
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Return the commands that begin so, each with its summary, and options, also those of the default."""
+        """Return the commands with this beginning, each with its summary, and options, also those of the default."""
         items = [
             CompletionItem(name, help=summary)
             for name, summary in self.summaries().items()
@@ -176,9 +176,9 @@ class CommandLine(CommandGroup):
 
 @cache
 def offers() -> dict[str, dict[str, str]]:
-    """Return the entry points of other packages: by name of the command the modules, by package.
+    """Return the entry points of other packages: by command name, then package, the module.
 
-    They are read without `importlib.metadata`, whose import alone would double the time of `astb --help`.
+    They are read without `importlib.metadata`, because its import alone would double the time of `astb --help`.
     """
     found: dict[str, dict[str, str]] = {}
     for place in dict.fromkeys(sys.path):

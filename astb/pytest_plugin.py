@@ -21,7 +21,7 @@ _ASKED: Final = pytest.StashKey[bool]()
 
 
 class Blocked(Exception):
-    """A plan could not judge the product; the text says whose fault that is."""
+    """A plan could not judge the product; the text names the side at fault."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -110,7 +110,7 @@ def run(bench: "Bench", request: pytest.FixtureRequest, tmp_path: Path) -> "Call
 
 
 class _NoLog:
-    """Where no event is kept."""
+    """An event log that stores nothing."""
 
     def event(self, time: int, kind: str, text: str, **data: Any) -> None:
         pass
@@ -140,7 +140,7 @@ def _make_safe(bench: "Bench") -> None:
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Mark what the bench kept from being judged."""
+    """Mark tests as blocked if the bench prevented a verdict."""
     report = yield
     error = call.excinfo.value if call.excinfo and item.stash.get(_ASKED, False) else None
     if report.failed and error and (why := _whose_fault(error)):
@@ -154,7 +154,7 @@ def pytest_runtest_makereport(
 
 
 def _is_misuse(error: BaseException) -> bool:
-    """Whether the test asks for a plan that there is not."""
+    """Return whether the test uses an unknown plan."""
     from test_plans.run import PlanError
 
     return isinstance(error, PlanError)

@@ -28,7 +28,7 @@ SEED_MAX: Final = 2**32 - 1
 
 
 class RigFileError(ValueError):
-    """A rig file without a necessary key, or with an invalid one."""
+    """A rig file that lacks a required key, or has an invalid one."""
 
 
 class SimulatedCan(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -52,7 +52,7 @@ class FaultEntry(msgspec.Struct, forbid_unknown_fields=True, frozen=True, rename
 
 
 class Simulation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """What a simulated rig simulates. A rig file without this table is never simulated and never started."""
+    """The properties of a simulated rig. A rig file without this table is never simulated and never started."""
 
     parameters: str = "astb"  #: name of a parameter set, or the path of its TOML file or of a model file
     seed: Annotated[int, Meta(ge=0, le=SEED_MAX)] = 0
@@ -88,7 +88,7 @@ class RigFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 def rigs() -> dict[str, Path]:
-    """Return the rigs that have a name: those of the software, and over them those in the folder ``rigs`` here."""
+    """Return the named rigs: those of the software, overridden by those in the folder ``rigs`` here."""
     single = {path.stem: path for path in sorted(Path(PACKAGE).glob("*.toml"))}
     here = {path.parent.name: path for path in sorted(Path(PACKAGE).glob(f"*/{RIG}"))}
     return named_files(PACKAGE) | single | here
@@ -104,7 +104,7 @@ def find_rig(rig: str | Path = ORDINARY) -> tuple[RigFile, Path]:
 
 
 def _rig_path(rig: str, home: Path, where: str = "") -> Path:
-    """Return the path of the rig file of a name, or of a path relative to ``home``; RigFileError for no name.
+    """Return the path of the rig file of a name, or of a path relative to ``home``; RigFileError for an unknown name.
 
     The error begins with ``where``.
     """
@@ -123,9 +123,9 @@ def _rig_path(rig: str, home: Path, where: str = "") -> Path:
 
 
 def read(path: Path) -> RigFile:
-    """Return the rig described in ``path``; the files that it simulates with lie where they do seen from there.
+    """Return the rig described in ``path``; paths of simulation files in it are relative to this file.
 
-    Raises RigFileError, naming the file, the key and what would be right.
+    Raises RigFileError with the file, the key and the correct form.
     """
     content = _content(path)
     try:
@@ -164,7 +164,7 @@ def read(path: Path) -> RigFile:
 def _parts(path: Path, like: str, above: tuple[Path, ...] = ()) -> tuple[dict[str, Path], dict[str, Path]]:
     """Return the other files of the rig at ``path`` by their keys: its own, and those of the rig it is ``like``.
 
-    The wiring of the virtual bench is none: a rig without a wiring has its messages and registers.
+    A copy of the virtual bench's wiring counts as no wiring: a rig without a wiring has our messages and registers.
     """
     found = {key: path.with_name(OF_A_RIG[kind]) for key, kind in _PARTS.items()} if path.name == RIG else {}
     own = {key: place.resolve() for key, place in found.items() if place.is_file()}
@@ -194,7 +194,7 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def _placed(simulation: Simulation, home: Path) -> Simulation:
-    """Return the simulation with whole paths, for anyone who starts it from another directory; names stay names."""
+    """Return the simulation with absolute paths, for a start from another directory; names do not change."""
     parameters, sealed, spring = simulation.parameters, simulation.sealed, simulation.spring
     if Path(parameters).suffix == ".toml":
         parameters = str((home / parameters).resolve())
@@ -203,7 +203,7 @@ def _placed(simulation: Simulation, home: Path) -> Simulation:
 
 
 def _in_words(error: Exception, content: dict[str, Any]) -> str:
-    """Return what msgspec says of ``content``, with the key as people write it, its value and what would be right."""
+    """Return an error of msgspec about ``content`` as a sentence with key, value and correct form."""
     said, _, place = str(error).partition(" - at `$")
     # Of a table with keys of the user's own msgspec says only that it is one of its values.
     keys = [key for key in place.rstrip("`").replace("[...]", "").split(".") if key]

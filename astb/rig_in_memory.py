@@ -36,8 +36,8 @@ _NEVER: Final = 2**62
 class RigInMemory:
     """A ``rig`` that ticks while its ``clock`` passes, and any number of ports to it.
 
-    Ports hear one another as on a real bus, and the rig knows who sent what and who is gone, as its hub does.
-    ``run`` replaces ``rig.run`` where a user has to do something to the rig between ticks.
+    Ports receive each other's frames as on a real bus. The rig knows the sender of each frame and which ports are
+    closed, as with a hub. ``run`` replaces ``rig.run`` if a caller changes the rig between ticks.
     """
 
     def __init__(self, rig: "Rig", run: Callable[[int], Block] | None = None) -> None:
@@ -82,8 +82,8 @@ class RigInMemory:
     ) -> Bench:
         """Return a bench on its own ports, not yet connected.
 
-        ``faults``, drawn from ``seed``, befall its CAN frames (``outward`` those that it sends, where they differ);
-        ``latency`` (s) is that of Modbus; ``absent`` is what the bench is to do without, with the reasons.
+        ``faults``, drawn from ``seed``, disturb its CAN frames (``outward`` those that it sends, if different);
+        ``latency`` (s) is that of Modbus; ``absent`` are signals that the bench must not use, with the reasons.
         """
         port = self.can()
         can = port if faults is None else FaultyCan(port, faults, seed, outward=outward)
@@ -92,7 +92,7 @@ class RigInMemory:
         return bench
 
     def cut(self, reason: str) -> None:
-        """Cut the CAN bus, as a hub that dies would; Modbus goes on."""
+        """Cut the CAN bus, like the crash of a hub; Modbus continues."""
         for port in self._ports:
             port.lose(reason)
 
@@ -108,7 +108,7 @@ class RigInMemory:
                 port.receive(block)
 
     def send(self, block: Block, port: "_CanPort") -> None:
-        """Take frames from a port, stamped with the time, to all other ports and to the rig."""
+        """Send frames from a port, with a time stamp, to all other ports and to the rig."""
         stamped = block.copy()
         stamped["time"] = self.clock.now()
         stamped = self.bus.carry(stamped, port.name)
@@ -117,14 +117,14 @@ class RigInMemory:
             self.rig.receive(stamped, port.name)
 
     def leave(self, port: "_CanPort") -> None:
-        """Take a port off the bus; the rig hears that it is gone."""
+        """Remove a port from the bus, and report it to the rig."""
         if port in self._ports:
             self._ports.remove(port)
             self.bus.forget(port.name)
             self.rig.peer_lost(port.name)
 
     def answer(self, request: bytes, peer: str) -> bytes:
-        """Return the answer of the rig, or what its faults leave of it, when it has arrived; nothing is silence."""
+        """Return the answer of the rig after its faults and delay; empty if there is none."""
         if "modbus" in self.shut:
             return b""
         filtered = self.rig.faults.points.modbus
@@ -135,7 +135,7 @@ class RigInMemory:
         return b"".join(piece for _, piece in pieces)
 
     def leave_modbus(self, port: "_ModbusPort") -> None:
-        """Close a Modbus connection; the rig hears that it is gone."""
+        """Close a Modbus connection, and report it to the rig."""
         if port in self._modbus:
             self._modbus.remove(port)
             self.rig.peer_lost(port.name)
@@ -172,7 +172,9 @@ class RigInMemory:
             self._stream = None
 
     def _advance(self, first: int, last: int) -> None:
-        """Bring rig and stream to ``first``, or on to ``last`` as long as nothing happens that a plan may react to."""
+        """Advance rig and stream to ``first``, and further to ``last`` while no event occurs to which a plan could
+        react.
+        """
         while (now := self.clock.now()) < first:
             stream = self._stream
             if stream is None or stream.due > first:
@@ -183,10 +185,10 @@ class RigInMemory:
                 self._pass_cycle(stream, last)
 
     def _quiet_until(self, stream: "_Stream", now: int, last: int) -> int:
-        """Return up to which time only rig and stream have something to do, as far as is known; ``now`` if not at all.
+        """Return the time up to which only rig and stream act; ``now`` if that is unknown.
 
-        It is not known if stages of the bus or other ports receive the frames. After a change of the rig's state it is
-        one cycle until the message of the state has come.
+        It is unknown if stages of the bus or other ports receive the frames. After a change of the rig's state it is
+        known only one cycle later, when the message of the state has arrived.
         """
         rig = self.rig
         if self._run or self.bus.staged or not stream.is_only_receiver or not rig.steady:
@@ -236,23 +238,23 @@ class RigInMemory:
 
 
 def _number(name: str) -> int:
-    """Return what represents a TCP port in the name of a port in memory."""
+    """Return the number in the name of a port in memory, which stands for a TCP port."""
     return int(name.rpartition(":")[2])
 
 
 class _Wire:
-    """One of the two wires of a rig in memory, as its faults know it."""
+    """One of the two buses of a rig in memory, for its faults."""
 
     def __init__(self, memory: RigInMemory, wire: str) -> None:
         self._memory, self._wire = memory, wire
 
     def cut(self) -> None:
-        """Close all connections and let no one in."""
+        """Close all connections and refuse new ones."""
         self._memory.shut.add(self._wire)
         self._memory.disconnect(self._wire)
 
     def restore(self) -> None:
-        """Let clients in again."""
+        """Accept clients again."""
         self._memory.shut.discard(self._wire)
 
 

@@ -20,9 +20,9 @@ class KnownLimit(NamedTuple):
 
 
 def known_limits(rig: RigFile) -> list[KnownLimit]:
-    """Return the limits of ``rig``; ValueError with key, value and what would be right for one that cannot be.
+    """Return the limits of ``rig``; ValueError with key, value and correct form for an impossible limit.
 
-    What the file of a simulated rig does not report holds in the simulation all the same; of a real rig it is assumed.
+    Limits missing in the file of a simulated rig are those of the simulation; those of a real rig are assumed.
     """
     rows = rig.simulation.limits if rig.simulation else rig.limits
     otherwise = SIMULATED if rig.simulation else ASSUMED

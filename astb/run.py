@@ -57,9 +57,9 @@ _LIBRARIES: Final = ("numpy", "numba", "pymodbus", "python-can")
 
 @dataclass(frozen=True, slots=True)
 class Keeping:
-    """What a run keeps next to its samples: who runs it, in which surroundings, every CAN frame, a report to print.
+    """Additional options of a run: operator, ambient conditions, recording of all CAN frames, printing of the report.
 
-    And who gets a message when it asks something and when it ends, and whether its twin watches it.
+    Also the receivers of messages at questions and at the end, and whether a twin watches the run.
     """
 
     operator: str = ""
@@ -71,7 +71,7 @@ class Keeping:
     wait: bool = False  #: until earlier runs on the rig have ended
 
     def called(self, operator: "Operator | None", plan: "Plan") -> "Operator | None":
-        """Return ``operator``, who gets a message for each question of ``plan`` if anybody does."""
+        """Return ``operator``, with a message for each question of ``plan`` if there are receivers."""
         return self.messages.operator(operator, plan.name) if self.messages else operator
 
 
@@ -92,9 +92,9 @@ def run_plans(
 
     ``ended`` is called with the result and the directory of each run.
 
-    Without a ``specimen`` the bench's own is taken; the ``operator`` is who can be asked. In real time the plans share
-    one session with the rig, and a plan that is blocked, or whose tear-down is, is the last; in virtual time each
-    starts with a new one, so that what a plan measures does not depend on what ran before.
+    The default of ``specimen`` is the bench's own; ``operator`` answers questions. In real time the plans share one
+    session with the rig, and a plan that is blocked, or whose tear-down is, is the last one. In virtual time each
+    starts with a new session, so that the results do not depend on earlier plans.
     """
     is_virtual = virtual or rig.time == "virtual"
     results: list[Result] = []
@@ -127,7 +127,7 @@ def run_plans(
 def _turn(
     plans: Sequence["Plan"], rig: RigFile, path: Path, keeping: Keeping, say: Callable[[str], None]
 ) -> AbstractContextManager[None]:
-    """Take a place in the queue of the rig, and wait for the turn if ``keeping`` asks for it."""
+    """Enter the queue of the rig, and wait for the turn if ``keeping`` requests it."""
 
     def report(before: list[Ticket]) -> None:
         say(f"waiting for {rig.name} at place {len(before)}, after {'; then '.join(map(str, before))}")
@@ -147,7 +147,7 @@ def deviates(directory: Path) -> bool:
 
 
 def left_in_trouble(result: Result) -> bool:
-    """Return whether a run may have left the bench differently than at rest: it was blocked, or its tear-down was."""
+    """Return whether a run may have left the bench not at rest: it was blocked, or its tear-down was."""
     return result.verdict is Outcome.BLOCKED or any(text.startswith(IN_TEAR_DOWN) for text in result.warnings)
 
 
@@ -165,7 +165,7 @@ def run_plan(
 ) -> tuple[Result, Path]:
     """Run ``plan`` and write its report; return the result and the directory, ``out/name`` or one next to it.
 
-    KeyboardInterrupt, by Ctrl-C or a signal, comes out again after tear-down and report.
+    A KeyboardInterrupt, by Ctrl-C or a signal, is raised again after tear-down and report.
     """
     directory = new_directory(out, name)
     meta = describe(session, rig)
@@ -214,7 +214,9 @@ def run_plan(
 
 
 def _reported(directory: Path, display: ProgressDisplay) -> Path | None:
-    """Write checksums and report of a run; return the report, None if the disk refuses it, for which no run is lost."""
+    """Write checksums and report of a run; return the report. A disk error gives a warning and None, so the run is not
+    lost.
+    """
     display.say("report")
     try:
         write_sums(directory)
@@ -225,7 +227,7 @@ def _reported(directory: Path, display: ProgressDisplay) -> Path | None:
 
 
 def _print(report: Path, display: ProgressDisplay) -> None:
-    """Print the report; what cannot be printed now can be later, so that the run is not lost for it."""
+    """Print the report. A failure gives a warning, because the report can be printed later."""
     try:
         display.say(f"printed: {write_pdf(report)}")
     except RecordError as error:
@@ -241,7 +243,7 @@ def _live(
     keeping: Keeping,
     suspension: Suspension | None,
 ) -> Live:
-    """Return the model of a run that begins now, for anyone who watches it."""
+    """Return the model of a run that begins now, for displays."""
     return Live(
         plan.name,
         session.bench,
@@ -257,13 +259,13 @@ def _live(
 
 
 def box_of(operator: "Operator | None") -> QuestionBox | None:
-    """Return where the questions to this operator wait for anyone who answers, if they do."""
+    """Return the box in which questions to this operator wait; None if the operator has none."""
     return operator if isinstance(operator, QuestionBox) else None
 
 
 @contextmanager
 def kept_frames(session: Session, directory: Path | None) -> Iterator[None]:
-    """Keep every frame on the rig's CAN bus, the commander's own too, in ``directory`` while the block lasts."""
+    """Record every frame on the rig's CAN bus, including the commander's own, in ``directory`` during the block."""
     if directory is None:
         yield
         return
@@ -309,9 +311,9 @@ def _sessions(
 
 @contextmanager
 def held_by_keyboard() -> Iterator[Suspension]:
-    """Hold the run on Ctrl-Z at the next place where its plan allows it; a second Ctrl-Z continues it.
+    """Hold the run on Ctrl-Z at the next hold point of its plan; a second Ctrl-Z continues it.
 
-    Only the main thread can hear it, and a program that asks for none is stopped by it as ever.
+    Only the main thread can receive the signal.
     """
     suspension = Suspension()
     numbers = available_signals("SIGTSTP")
@@ -350,7 +352,7 @@ def undisturbed() -> Iterator[None]:
 
 
 def describe(session: Session, rig: RigFile) -> dict[str, Any]:
-    """Return what a record says of its origin; of a virtual run nothing that changes from day to day."""
+    """Return the origin of a record; for a virtual run without anything that changes from day to day."""
     facts: dict[str, Any] = {
         "rig": rig.name,
         "rig_description": rig.description,
@@ -385,15 +387,15 @@ def describe(session: Session, rig: RigFile) -> dict[str, Any]:
 
 
 def _surroundings(parameters: "Parameters") -> str:
-    """State what surrounds a simulated rig."""
+    """Return ambient temperature and pressure of a simulated rig as text."""
     warmth = float(parameters.record.ambient_temperature) - UNITS["degC"].zero
     return f"{warmth:.1f} °C, {float(parameters.record.atmospheric_pressure) / mbar:.0f} hPa"
 
 
 def new_directory(out: Path, name: str) -> Path:
-    """Make the directory of a run in ``out`` and return it: ``name``, or ``name-2`` and so on next to earlier runs.
+    """Create the directory of a run in ``out`` and return it: ``name``, or ``name-2`` and so on next to earlier runs.
 
-    Nothing that lies there is touched. Raises RecordError where no directory can be made, NotKept of a disk that fails.
+    Existing files are not changed. RecordError if no directory can be made, NotKept if the disk fails.
     """
     for number in count(1):
         directory = out / (name if number == 1 else f"{name}-{number}")

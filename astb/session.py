@@ -53,7 +53,7 @@ STOP_LIMIT: Final = 5 * s
 
 @dataclass(frozen=True)
 class Session:
-    """A bench to run plans on, and what its records should say of it."""
+    """A bench to run plans on, and the origin for its records."""
 
     bench: Bench
     clock: Clock
@@ -69,7 +69,7 @@ class Session:
 def simulated_parameters(simulation: Simulation) -> "Parameters":
     """Return the parameter set of the rig file, without its sealed effects.
 
-    Raises ParameterError with name, value, unit and what would be right.
+    Raises ParameterError with name, value, unit and correct form.
     """
     parameters = with_changes(load(simulation.parameters), read_changes(simulation.change))
     effects = {name: read_effect_text(name, text) for name, text in simulation.effects.items()}
@@ -77,9 +77,9 @@ def simulated_parameters(simulation: Simulation) -> "Parameters":
 
 
 def build_rig(simulation: Simulation, seed: int | None = None) -> "Rig":
-    """Return the simulated rig, not yet running, with the faults that are requested.
+    """Return the simulated rig, not yet running, with the requested faults.
 
-    Raises ParameterError as `simulated_parameters` does, FaultError, and ValueError for a limit that does not fit.
+    Raises ParameterError like `simulated_parameters`, FaultError, and ValueError for an invalid limit.
     """
     from bench_sim.rig.limit_table import limits_of
     from bench_sim.rig.rig import Rig
@@ -96,7 +96,7 @@ def build_rig(simulation: Simulation, seed: int | None = None) -> "Rig":
 
 
 def springs_of(simulation: Simulation, parameters: "Parameters") -> "SpringFmu | None":
-    """Return the springs that an FMU computes, tried and started, if the rig file names one.
+    """Return the springs of an FMU, tested and started, if the rig file names one.
 
     Raises FmuError for an FMU or a map that cannot be used.
     """
@@ -199,10 +199,10 @@ def virtual_session(
     run: "Callable[[int], Block] | None" = None,
     absent: Mapping[str, str] | None = None,
 ) -> Iterator[Session]:
-    """Yield a session with ``rig`` in this process; time passes while the plan waits, as fast as the machine can.
+    """Yield a session with ``rig`` in this process. Time passes while the plan waits, as fast as the machine can.
 
-    ``run`` replaces ``rig.run`` where a user looks at the rig between its ticks; ``absent`` is what the bench
-    is to do without, with the reasons.
+    ``run`` replaces ``rig.run`` if a caller observes the rig between its ticks; ``absent`` are signals that the bench
+    must not use, with the reasons.
     """
     from astb.rig_in_memory import RigInMemory
     from bench_sim.rig.faults.orders import execute_order
@@ -225,9 +225,9 @@ def virtual_session(
 
 @contextlib.contextmanager
 def real_session(rig: RigFile, path: Path, seed: int | None = None) -> Iterator[Session]:
-    """Yield a session with a rig that is running somewhere, simulated or not, whatever it uses.
+    """Yield a session with a running rig, real or simulated, with any wiring.
 
-    WiringError, before anything is connected, for a wiring that cannot be.
+    Raises WiringError for an invalid wiring before anything is connected.
     """
     from bench_sim.rig.control_socket import ask, control_path
     from drivers.can_port import open_can
@@ -252,7 +252,7 @@ def real_session(rig: RigFile, path: Path, seed: int | None = None) -> Iterator[
 
 
 def open_wiring(rig: RigFile, path: Path) -> "Wiring":
-    """Return the wiring of ``rig``, whose file is ``path``, not yet connected; WiringError if it cannot be."""
+    """Return the wiring of ``rig``, whose file is ``path``, not yet connected; WiringError if it is invalid."""
     return open_described(rig.name if rig.wiring else "the rig", wiring_of(rig, path))
 
 
@@ -295,7 +295,7 @@ def instruments_of(rig: RigFile, path: Path) -> "Instruments":
 
 
 def wiring_of(rig: RigFile, path: Path) -> "Description":
-    """Return the description of the wiring of ``rig``, whose file is ``path``; WiringError if it cannot be."""
+    """Return the description of the wiring of ``rig``, whose file is ``path``; WiringError if it is invalid."""
     if not rig.wiring:
         return own_description(can=to_builtins(rig.can), modbus=to_builtins(rig.modbus))
     if isinstance(rig.wiring, str):
@@ -332,7 +332,9 @@ def started(
 
 
 def start_rig(simulation: Simulation, path: Path, seed: int | None, lifeline: int) -> subprocess.Popen[str]:
-    """Start ``astb rig`` in its own process; it ends when no one holds the other end of ``lifeline`` any more."""
+    """Start ``astb rig`` in its own process; it ends when all holders of the other end of ``lifeline`` have closed
+    it.
+    """
     command = [sys.executable, "-m", "astb", "rig", "--rig", str(path), "--until-eof"]
     command += ["--model", simulation.parameters]
     for name, text in simulation.effects.items():
@@ -347,9 +349,9 @@ def start_rig(simulation: Simulation, path: Path, seed: int | None, lifeline: in
 
 
 def ready_line(process: subprocess.Popen[str]) -> str:
-    """Return the line in which the rig says that both its ports are open.
+    """Return the line in which the rig reports that both its ports are open.
 
-    RigFileError or LinkLost, with the rig's own words, if it ends instead.
+    Raises RigFileError or LinkLost, with the rig's own message, if it ends instead.
     """
     assert process.stdout and process.stderr
     watchdog = threading.Timer(START_LIMIT, process.kill)

@@ -1,4 +1,4 @@
-"""Which state of this software runs: its commit, where that can be known."""
+"""The commit of this software, if it can be determined."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TOLD: Final = "commit.txt"
 
 @cache
 def commit() -> str:
-    """Return the commit of the software, with "+ changes" if files differ from it; "" where no one knows.
+    """Return the commit of the software, with "+ changes" if files differ from it; "" if it is unknown.
 
     The commit comes from git in a checkout, from a file written at build time in a wheel, and from the metadata of pip
     for an installation from a repository.
@@ -38,7 +38,7 @@ def commit() -> str:
 
 
 def _git(*arguments: str) -> str:
-    """What git says, "" if it says nothing: without git, or in a folder that is another user's."""
+    """Return the output of git, "" without git or in a folder of another user."""
     try:
         done = subprocess.run(
             ["git", "-C", str(_HOME), "--no-optional-locks", *arguments],

@@ -1,7 +1,7 @@
 """`astb copy specimen`: limits of a specimen with other loads or another drawing, derived from its model.
 
-Plans run on the simulated bench with these springs. Each limit is its own band there, so that each check shows
-which limit its value belongs to. That value becomes the expected one; tolerances stay those of the base file.
+Plans run on the simulated bench with these springs. Each limit gets a unique band there, which identifies the check
+that uses it. The measured value becomes the expected one; tolerances are those of the base file.
 """
 
 import json
@@ -43,7 +43,7 @@ _GIVEN: Final = "given to `astb copy specimen`"
 class Asked:
     """The changes to the specimen ``base``: preloads (N) by load case, and values of the drawing (SI).
 
-    ``plans`` are run next to that of each load case.
+    ``plans`` run in addition to that of each load case.
     """
 
     base: str = ORDINARY
@@ -60,9 +60,9 @@ def new_specimen(
     beside: Sequence[str],
     say: Callable[[str], None],
 ) -> None:
-    """Write a specimen with preloads and values of the drawing as people write them: ``AW0=45 kN``.
+    """Write a specimen with preloads and values of the drawing given as text: ``AW0=45 kN``.
 
-    ValueError with name, value and what would be right.
+    Raises ValueError with name, value and correct form.
     """
 
     def read(option: str, texts: Sequence[str], units: Mapping[str, str] | None) -> dict[str, float]:
@@ -86,7 +86,7 @@ def new_specimen(
 def derive(asked: Asked, target: Path, say: Callable[[str], None]) -> list[str]:
     """Write a specimen with derived limits to a file; return the limits that no plan measured, which are left out.
 
-    SpecimenError for what is not in the base or contradicts itself, and for a plan that does not run with it.
+    SpecimenError for names that are not in the base, for contradictions, and for a plan that does not run with it.
     """
     content = read_toml(place_of(PACKAGE, asked.base))
     base = read_specimen(asked.base)
@@ -149,7 +149,7 @@ def _with_loads(spring: "Specimen", preloads: Mapping[str, float]) -> "Specimen"
 def _measured(
     name: str, spring: "Specimen", model: str, drawing: Mapping[str, float]
 ) -> list[tuple[Place, tuple[float, str]]]:
-    """Return the value (SI) of each limit that a plan asks for, with the name of its check."""
+    """Return the value (SI) of each limit that a plan uses, with the name of its check."""
     places: list[Place] = []
 
     def band(*place: Any) -> Band:
@@ -190,7 +190,7 @@ def _limits(
 ) -> tuple[dict[str, Any], list[str]]:
     """Return the new limits of a load case, and the names of those that no plan measures.
 
-    ``more`` is by how much (N) the preload is larger than it was.
+    ``more`` is the increase of the preload (N).
     """
     kept: dict[str, Any] = {}
     missing: list[str] = []
@@ -258,7 +258,7 @@ def _value(value: float, si: str, provenance: str, source: str) -> dict[str, Any
 
 
 def _toml(content: Mapping[str, Any], way: tuple[str, ...] = ()) -> list[str]:
-    """Return lines of tables in tables, each entry (a table that states its unit) in a line."""
+    """Return the lines of nested tables, with each entry (a table with a unit) on one line."""
     lines, tables = [], {}
     for key, value in content.items():
         if isinstance(value, dict) and "unit" not in value:

@@ -1,4 +1,4 @@
-"""Vertical stiffness and damping at the frequencies of the checks, in any motion of the springs that holds such sines.
+"""Vertical stiffness and damping at the frequencies of the checks, from any motion of the springs with such sines.
 
 `aw0`, `aw3` and `dynamic_stiffness` measure them: K' and c of a sine of 5 mm at each frequency of the specimen's file.
 """
@@ -43,11 +43,13 @@ class StiffnessChecks:
         )
 
     def states(self, nuisance: str) -> bool:
-        """Return whether a nuisance is an error of a sensor: the start of a planned experiment is not read."""
+        """Return whether a nuisance is an offset of a sensor: the initial state of a planned experiment is not
+        measured.
+        """
         return nuisance.endswith(".offset")
 
     def figures(self, experiment: Experiment, outputs: Mapping[str, Array]) -> Figures:
-        """Return K' and c of each sine that an experiment holds, from the load cells in ``outputs``."""
+        """Return K' and c of each sine in an experiment, from the load cells in ``outputs``."""
         load = self._load(experiment)
         try:
             force = 0.5 * upward_force(outputs, self._rig)
@@ -76,7 +78,7 @@ class StiffnessChecks:
         return [] if one is None else [frequency for frequency, _, _ in one.sweep("vertical")]
 
     def _load(self, experiment: Experiment) -> str:
-        """Return the load case under which an experiment is made, "" if it is none of the specimen's."""
+        """Return the load case of an experiment, "" if the specimen has no such load."""
         carried = experiment.settings.get("nominal_preload", 0.0)
         loads = self._specimen.loads.items()
         return next((name for name, one in loads if abs(carried / one.preload - 1.0) < NEAR), "")

@@ -29,8 +29,8 @@ def run_cycles(
 ) -> tuple[int, int, int, int]:
     """Run up to ``ticks`` ticks, and queue the frames of ``cycle`` at ``due`` and every ``period`` (ns) after it.
 
-    Return (ticks run, frames written to ``out``, what happened in the last tick, the next ``due``). It stops after a
-    tick in which something happened, before it queues the frames that are due then. The caller holds the mutexes.
+    Return (ticks run, frames written to ``out``, event of the last tick, the next ``due``). It stops after a tick with
+    an event, before it queues the frames that are due then. The caller holds the mutexes.
     """
     done = position = happened = 0
     while done < ticks and happened == 0:

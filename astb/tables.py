@@ -1,6 +1,6 @@
-"""Text and tables on the terminal: as they stand, names in full at 80 columns, no line folded for a program or a file.
+"""Text and tables on the terminal, without markup: full names at 80 columns, and unfolded lines for programs and files.
 
-Names, remarks and paths come from outside: here no text is markup, and bold or red text is `styled`.
+Names, remarks and paths come from outside, so no text is markup; bold or red text is `styled`.
 """
 
 import sys
@@ -28,7 +28,7 @@ def open_console() -> Console:
 
 
 def plain_console(*, width: int | None = None, stderr: bool = False) -> Console:
-    """Return a console that writes every text as it stands: nothing in it is markup, or a number to colour."""
+    """Return a console that prints text unchanged, without markup and without colours for numbers."""
     return _PlainConsole(width=width, stderr=stderr, markup=False, emoji=False, highlight=False)
 
 
@@ -69,5 +69,5 @@ def open_table(title: str, *columns: str, whole: Collection[str] = ()) -> Table:
 
 
 def print_json(rows: object) -> None:
-    """Print what a table shows for a program instead: structs, mappings and lists of them, as one JSON document."""
+    """Print the content of a table for programs: structs, mappings and lists of them, as one JSON document."""
     click.echo(msgspec.json.format(msgspec.json.encode(rows), indent=2).decode())

@@ -1,4 +1,4 @@
-"""Text on the terminal without control characters: names and messages from plans, rigs and files can contain some."""
+"""Text on the terminal without control characters, which names and messages from plans, rigs and files can contain."""
 
 import re
 import sys
@@ -20,7 +20,7 @@ class PrintableStream:
         self.rich_proxied_file = stream  #: the name by which rich finds it
 
     def write(self, text: str) -> int:
-        """Write a text; return how many characters it has."""
+        """Write a text; return its number of characters."""
         return self.rich_proxied_file.write(printable(text))
 
     def __getattr__(self, name: str) -> Any:

@@ -1,6 +1,7 @@
 """A run with its twin: `astb watch` runs in its own process, so that the run never waits for it.
 
-Only a plan that asks in virtual time waits, while its clock stands: no twin would be as fast as the rig is there.
+Exception: a plan that reads the twin in virtual time waits while its clock stands, because the twin is slower than the
+simulated rig.
 """
 
 import subprocess
@@ -31,7 +32,7 @@ _NEWS: Final = 0.5
 
 
 class _Pulse:
-    """Whether a process works: its processor time grows."""
+    """Detects whether a process works: its processor time grows."""
 
     def __init__(self, process: "subprocess.Popen[str]") -> None:
         self._stat, self._wall = Path(f"/proc/{process.pid}/stat"), RealClock()
@@ -39,7 +40,7 @@ class _Pulse:
 
     @property
     def still(self) -> bool:
-        """Whether it has not worked for `_STILL`, while a user asked; False where the system does not report."""
+        """Whether it has not worked for `_STILL` since the first request; False if the system does not report it."""
         with suppress(OSError):
             fields = self._stat.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
             if (spent := " ".join(fields[11:13])) != self._spent:
@@ -90,15 +91,15 @@ class RunTwin:
 
 
 def _is_searched(story: TwinStory) -> bool:
-    """Whether the search for causes of the present deviation still runs."""
+    """Return whether the search for causes of the present deviation is still in progress."""
     return story.present_deviation is not None and not story.present_deviation.searched
 
 
 @contextmanager
 def watched(directory: Path, wanted: bool, clock: Clock, warn: Callable[[str], None]) -> Iterator[TwinState]:
-    """Run a twin of the run that writes into ``directory`` while the block lasts, and ``warn`` of its findings.
+    """Run a twin of the run that writes into ``directory`` during the block, and ``warn`` of its findings.
 
-    It ends by itself with the run. Whatever becomes of it, the run goes on.
+    It ends by itself with the run. A failure of the twin does not affect the run.
     """
     if not wanted:
         yield NoTwin()
@@ -121,7 +122,7 @@ def watched(directory: Path, wanted: bool, clock: Clock, warn: Callable[[str], N
 
 
 class _News:
-    """Warns of each deviation as soon as the twin has kept it, and again when its kind changes."""
+    """Warns of each deviation as soon as the twin has stored it, and again when its kind changes."""
 
     def __init__(self, twin: RunTwin, warn: Callable[[str], None]) -> None:
         self._twin, self._warn = twin, warn
@@ -131,12 +132,12 @@ class _News:
         self._thread.start()
 
     def end(self) -> None:
-        """Stop looking for news while the run lasts."""
+        """Stop looking for news."""
         self._ended.set()
         self._thread.join()
 
     def report(self, story: TwinStory, *, final: bool) -> None:
-        """Warn of what is new in ``story``; ``final``: of each sentence that has changed."""
+        """Warn of changes in ``story``; ``final``: of each changed sentence."""
         for one in story.all_deviations:
             word = one.course[-1].word if one.course else ""
             before = self._reported.get(one.detected)

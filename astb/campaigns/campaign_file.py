@@ -50,7 +50,7 @@ class CampaignFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 def read_campaign(path: Path) -> dict[str, PlanCase]:
-    """Return the cases of a campaign file by their keys. Each is checked, so that none is refused later.
+    """Return the cases of a campaign file by their keys. All cases are checked before any of them runs.
 
     In ``values`` and ``change`` each entry of a list is a case. Paths are relative to the directory of the campaign
     file. CampaignError with file, key and the correct form.

@@ -38,11 +38,11 @@ def carried_out(
     limit: float | None = None,
     prepare: Callable[[], Any] | None = None,
 ) -> Generator[Finished, None, None]:
-    """Yield the result of each case, in the order in which they end.
+    """Yield the result of each case, in the order of their ends.
 
-    ``function``, ``prepare`` and the cases have to be picklable. ``limit`` (s) is the time limit of a case without
-    ``prepare``, which each worker calls once. An exception, repeated deaths of a worker and a time limit are
-    results with an error. ClusterError if scheduler or workers are gone; closing the iterator cancels running cases.
+    ``function``, ``prepare`` and the cases must be picklable. Each worker calls ``prepare`` once. ``limit`` (s) is the
+    time limit of a case, without ``prepare``. An exception, repeated crashes of a worker and a time limit give results
+    with an error. Raises ClusterError if scheduler or workers are gone. Closing the iterator cancels running cases.
     """
     from cloudpickle import dumps  # pickles functions of a script, too
 

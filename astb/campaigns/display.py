@@ -88,10 +88,10 @@ def cost(
     *,
     again: bool = False,
 ) -> str:
-    """Return a sentence about the ``cases`` that ``rows`` lack, on so many ``processes`` (None: unknown).
+    """Return a sentence about the ``cases`` that ``rows`` lack, on this number of ``processes`` (None: unknown).
 
-    A case costs the median of the rows of its plan. For a plan without rows, its test time (s of the bench) is divided
-    by the speed of all rows, or by `SPEED`. With ``again``, failed cases run, too.
+    The duration of a case is the median of the rows of its plan. For a plan without rows, its test time (s of the
+    bench) is divided by the speed of all rows, or by `SPEED`. With ``again``, failed cases also run.
     """
     kept = {row["key"] for row in rows if not (again and row["error"])}
     left = [case.plan for key, case in cases.items() if key not in kept]

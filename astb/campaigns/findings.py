@@ -44,7 +44,7 @@ class Distribution(NamedTuple):
 
     @property
     def mean(self) -> float:
-        """NaN without a value."""
+        """Mean of the values; NaN without a value."""
         return mean(self.values) if self.values else math.nan
 
     @property

@@ -47,7 +47,7 @@ class KeptRows:
             raise
 
     def _take_over(self, without_errors: bool) -> None:
-        """Read the stored rows, and clean up after an end without warning."""
+        """Read the stored rows, and remove parts that a crash left incomplete."""
         table = read_table(self.directory)
         for left in self.directory.glob(".part-*"):
             left.unlink()

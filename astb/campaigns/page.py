@@ -1,4 +1,4 @@
-"""A campaign as a page, cases by checks with failures first and every check's distribution, and as a workbook."""
+"""A campaign as a page and as a workbook: cases by checks with failures first, and the distribution of each check."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class PlanTable(NamedTuple):
 
 
 class Spread(NamedTuple):
-    """A distribution in words, with its picture."""
+    """A distribution as text, with its picture."""
 
     of: Distribution
     drawing: Any
@@ -86,7 +86,7 @@ class Spread(NamedTuple):
 
 
 def write_page(rows: Sequence[Row], path: Path, name: str) -> None:
-    """Write the page of a campaign; it is self-contained. NotKept if the disk refuses it."""
+    """Write the page of a campaign; it is self-contained. NotKept if the disk fails."""
     counted = Counter(map(verdict_of, failures_first(rows)))
     page = Document(
         f"Campaign {name}",
@@ -183,7 +183,7 @@ def _spread(one: Distribution) -> Spread:
 
 
 def _drawing(one: Distribution) -> Any:
-    """Every value as a stroke over the permitted band; strokes on one another are darker."""
+    """Draw every value as a stroke over the permitted band; overlapping strokes are darker."""
     ends = [*one.values, *(n for n in (one.low, one.high) if n is not None)]
     low, high = min(ends, default=0.0), max(ends, default=1.0)
     room = 0.06 * (high - low or abs(high) or 1.0)
@@ -209,9 +209,9 @@ def _within(value: float, one: Distribution) -> bool:
 
 
 def write_workbook(rows: Sequence[Row], path: Path) -> None:
-    """Write the same for Excel: a sheet for each plan, cases by checks, and one with the distributions.
+    """Write the same as an Excel file: a sheet for each plan with cases by checks, and one with the distributions.
 
-    NotKept if the disk refuses it; it needs the extra `excel`.
+    NotKept if the disk fails. This needs the extra `excel`.
     """
     with kept(path), workbook(path) as book:
         head = book.add_format({"bold": True, "text_wrap": True, "valign": "top"})

@@ -72,8 +72,8 @@ def warm_up() -> None:
 def run_plan_case(case: PlanCase, records: str = "") -> dict[str, Any]:
     """Run the plan of ``case`` on its rig; return verdict, reason and checks.
 
-    The record is left in a directory of ``records``, if one is named. An invalid plan, parameter, effect or specimen
-    raises the error of `astb run`.
+    The record is written to a directory in ``records``, if given. An invalid plan, parameter, effect or specimen raises
+    the error of `astb run`.
     """
     if records:
         from astb.run import new_directory
@@ -87,9 +87,10 @@ def run_plan_case(case: PlanCase, records: str = "") -> dict[str, Any]:
 def run_plan_cases(
     cases: Mapping[str, PlanCase], out: Path | str, *, records: Path | str | None = None, **how: Any
 ) -> list[dict[str, Any]]:
-    """Run plans on virtual rigs, and keep a row of each in ``out``; return the rows, in the order of the cases.
+    """Run plans on virtual rigs, and store a row of each in ``out``; return the rows, in the order of the cases.
 
-    ``records`` is where each run's own record is left; without it none is. ``how`` is what `run_cases` takes.
+    ``records`` is the directory for the record of each run; without it no records are kept. ``how`` are further
+    arguments of `run_cases`.
     """
     function = partial(run_plan_case, records=str(Path(records).resolve()) if records else "")
     return run_cases(function, cases, out, facts=facts, prepare=warm_up, **how)
@@ -122,9 +123,9 @@ def _run(case: PlanCase, directory: Path) -> "Result":
 
 
 def _row(result: "Result") -> dict[str, Any]:
-    """Return the columns of a row: verdict, its reason, and each check with all but the parts of its uncertainty (SI).
+    """Return the columns of a row: verdict, its reason, and each check (SI) without the parts of its uncertainty.
 
-    The parts have names of their own in each plan: they would be a column for each.
+    The parts have different names in each plan, so each would need a column.
     """
     checks = [msgspec.to_builtins(one) for one in result.checks]
     return {

@@ -39,7 +39,7 @@ class Standing:
 
     @property
     def time_left(self) -> float | None:
-        """Predicted time for them (s), from the cases so far."""
+        """Predicted time (s) for the remaining cases, from the cases so far."""
         return self.elapsed * self.left / self.done if self.done else None
 
 
@@ -61,13 +61,13 @@ def run_cases(
 
     The key of a case is its permanent name: a case with a stored key is not computed again, except failed cases with
     ``again``. A row has key, the result of ``facts`` for the case, the result of ``function`` (numbers, texts, lists
-    and dictionaries of them), error ("" if there is none), seconds and worker. It is in ``out`` as soon as the case
-    has ended.
+    and dictionaries of them), error ("" if there is none), seconds and worker. It is in ``out`` as soon as the case has
+    ended.
 
-    Workers are those of a ``client`` or of the ``scheduler`` at an address, else processes of this machine, as many as
-    there are cores or ``workers``. `carried_out` explains ``limit`` and ``prepare``. KeptError, before anything starts,
-    if ``out`` cannot be used; ClusterError if the cluster is gone. After any interruption, KeyboardInterrupt included,
-    the same call continues with the remaining cases.
+    Workers are those of a ``client`` or of the ``scheduler`` at an address, else processes of this machine: one for
+    each core, or ``workers``. `carried_out` explains ``limit`` and ``prepare``. KeptError, before anything starts, if
+    ``out`` cannot be used; ClusterError if the cluster is gone. After any interruption, KeyboardInterrupt included, the
+    same call continues with the remaining cases.
     """
     with KeptRows(Path(out), without_errors=again) as kept:
         left = {key: case for key, case in cases.items() if key not in kept.keys}

@@ -13,9 +13,9 @@ Completer = Callable[[click.Context, click.Parameter, str], "list[CompletionItem
 
 
 def complete_from(names: Callable[[], Iterable[str]], *, files: bool = False) -> Completer:
-    """Return what offers those of the ``names`` that begin as the user began; nothing where they cannot be had.
+    """Return a completer for the ``names`` that begin with the user's text; it offers nothing if they are unavailable.
 
-    With ``files`` a shell offers its own as well: bash where no name fits, the others next to the names.
+    With ``files`` the shell also offers files: bash if no name fits, other shells in addition to the names.
     """
 
     def offer(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:

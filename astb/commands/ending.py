@@ -21,7 +21,7 @@ def end_in_order() -> None:
 
 
 def _hung_up(number: int, _: object) -> NoReturn:
-    """End as Ctrl-C does, once: the shell reports of a closed terminal, too, in the middle of a tear-down."""
+    """End like Ctrl-C, only once, because the shell also reports a closed terminal during a tear-down."""
     signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt
 

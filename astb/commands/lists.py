@@ -66,7 +66,7 @@ def plans_command(names: tuple[str, ...], as_json: bool) -> None:
 
 
 def _facts(plan: "Plan") -> dict[str, Any]:
-    """Return what `astb plans --json` prints of one plan."""
+    """Return the content of `astb plans --json` for one plan."""
     return {
         "name": plan.name,
         "title": plan.title,

@@ -32,7 +32,7 @@ class Listed(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """A kind of things that have names; ``known`` are their paths by name, and effects have none."""
+    """A kind of named things. ``known`` returns their paths by name; effects have no path."""
 
     singular: str
     known: Callable[[], Mapping[str, Path | None]]
@@ -187,7 +187,7 @@ _FOLDERS: Final = ("rigs", "demos")
 
 
 def _read_kind(ctx: click.Context, param: click.Parameter, text: str) -> str:
-    """Return the kind that a user calls by its singular or plural."""
+    """Return the kind for its singular or plural."""
     for kind, one in KINDS.items():
         if text in (kind, one.singular):
             return kind

@@ -87,7 +87,7 @@ def read_specimen(name: str | None) -> "Specimen":
 
 
 def read_rig(named: str | None) -> "tuple[RigFile, Path]":
-    """Return the rig of a file or of a name, and the path of its file; without either the ordinary one."""
+    """Return the rig of a file or of a name, and the path of its file; without either the default rig."""
     try:
         return find_rig(named or ORDINARY)
     except RigFileError as error:
@@ -97,7 +97,7 @@ def read_rig(named: str | None) -> "tuple[RigFile, Path]":
 def simulated(
     rig: "RigFile", path: Path, model: str | None, effects: Sequence[str], sealed: str | None
 ) -> "RigFile":
-    """Return ``rig`` with what the options of `simulation_options` say over the rig file."""
+    """Return ``rig`` with the options of `simulation_options`, which override the rig file."""
     if not (model or effects or sealed):
         return rig
     if rig.simulation is None:
@@ -118,7 +118,7 @@ def simulated(
 
 
 def pairs(texts: Iterable[str], wrong: str, *, option: str = "") -> dict[str, str]:
-    """Return the values of ``NAME=VALUE`` by name; ends the command over one that is ``wrong`` or given twice."""
+    """Return the values of ``NAME=VALUE`` by name; misuse for one that is ``wrong`` or given twice."""
     found: dict[str, str] = {}
     for text in texts:
         name, equals, value = text.partition("=")

@@ -58,10 +58,10 @@ def plan_value_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def chosen_plans(names: Sequence[str], settings: Sequence[str], path: Path | None) -> "list[Plan]":
-    """Return the plans, with parameters from the TOML file ``path`` and, over it, from ``settings`` (NAME=VALUE).
+    """Return the plans, with parameters from the TOML file ``path``, overridden by ``settings`` (NAME=VALUE).
 
-    A name with a dot is meant for one plan, PLAN.NAME, and goes over the name alone, which is meant for all of them.
-    Ends the command over what a plan does not take, before anything moves.
+    PLAN.NAME applies to one plan and overrides NAME, which applies to all of them. Unknown parameters end the command
+    before any motion.
     """
     from test_plans.parameters import ParameterRefused
 

@@ -1,4 +1,4 @@
-"""`astb rehearse`: a plan in virtual time before a rig moves, and the limits that it would come close to or trip."""
+"""`astb rehearse`: simulate a plan in virtual time before a rig moves, and print the margins to its limits."""
 
 import re
 import shlex
@@ -138,7 +138,7 @@ def _past(
     effects: tuple[str, ...],
     changes: tuple[str, ...],
 ) -> "Past | None":
-    """Return the kept run that goes on, or None where plans are rehearsed."""
+    """Return the recorded run to continue, or None if plans are rehearsed."""
     if bool(plans) == bool(kept) or ((faults or changes) and not kept):
         misuse("name either a PLAN, or a run with --from RUN@TIME; --fault and --change need --from")
     if not kept:
@@ -156,12 +156,12 @@ def _past(
 
 
 def _by_side(texts: "Mapping[str, str]") -> "dict[str, str | list[str]]":
-    """Return the values of parameters, those with commas as one for each side, actuator or branch."""
+    """Return parameter values; those with commas become one value for each side, actuator or branch."""
     return {name: re.split(r",\s*", text) if "," in text else text for name, text in texts.items()}
 
 
 def _fault(text: str) -> tuple[str, dict[str, str]]:
-    """Return name and values of a fault, as `astb rig fault on` takes them."""
+    """Return name and values of a fault in the notation of `astb rig fault on`."""
     name, *values = shlex.split(text) or [""]
     return name, pairs(values, "has no value; write KEY=VALUE, such as area=2mm2", option=f"--fault {name} ")
 
@@ -177,7 +177,7 @@ def _rehearsed(
     with ProgressDisplay(console) as display:
 
         class Progress(NullWatcher):
-            """Follows how much is done; steps and checks are for the run."""
+            """Receives only the progress; steps and checks are ignored."""
 
             def progress(self, fraction: float) -> None:
                 display.progress(fraction)
@@ -192,7 +192,7 @@ def _rehearsed(
 def _simulation(
     rig: "RigFile", path: Path, model: str | None, effects: tuple[str, ...], sealed: str | None
 ) -> "Simulation":
-    """Return what simulates ``rig``, with what the options say over it."""
+    """Return the simulation of ``rig`` with the options of the command."""
     from astb.rehearsal.rehearsing import simulation_of
 
     acting = simulated(replace(rig, simulation=simulation_of(rig)), path, model, effects, sealed)

@@ -188,7 +188,7 @@ def _at_bit_rate(rig: "RigFile", bit_rate: str | None) -> "Simulation":
 
 @contextmanager
 def _captured(path: Path | None, *, live: bool) -> "Iterator[Capture | None]":
-    """Yield what listens to the bus, into the file at ``path`` if there is one; None if no one wants to know."""
+    """Yield the capture of the bus, into the file at ``path`` if given; None without a file and without ``live``."""
     from bench_sim.rig.capture import Capture, CaptureFile
 
     capture = Capture()
@@ -200,7 +200,7 @@ def _captured(path: Path | None, *, live: bool) -> "Iterator[Capture | None]":
 
 
 def _listen(bench: "Rig", stop: threading.Event, until_eof: bool) -> None:
-    """Let signals, and with ``until_eof`` the end of the standard input, stop the rig or work its emergency stop."""
+    """Let signals, and with ``until_eof`` the end of the standard input, stop the rig or actuate its emergency stop."""
     if (
         until_eof
     ):  # anyone who started this rig holds the other end: the rig stops when its parent ends, however it does
@@ -210,7 +210,7 @@ def _listen(bench: "Rig", stop: threading.Event, until_eof: bool) -> None:
 
 
 def _end(stop: threading.Event, by: str) -> None:
-    """Stop the rig, and state by what, where anyone who did it may not know."""
+    """Stop the rig, and print the cause if the user may not know it."""
     if not stop.is_set() and by in UNAWARES:
         click.echo(f"astb: the rig was ended by {by}", err=True)
     stop.set()
@@ -222,7 +222,7 @@ def _when_stdin_ends(call: Callable[[], object]) -> None:
 
 
 def _at_tick_rate(tick_rate: str | None) -> None:
-    """Go on with this tick; it is built into what the rig compiles, so that another one starts the command again."""
+    """Continue with this tick rate; another rate is compiled into the rig, so the command is started again with it."""
     if tick_rate is None or int(tick_rate) == TICK_RATE:
         return
     environment = os.environ | {TICK_RATE_VARIABLE: tick_rate}

@@ -1,4 +1,4 @@
-"""`astb runs`, `astb compare` and `astb trend`: the runs that a folder keeps."""
+"""`astb runs`, `astb compare` and `astb trend`: the runs in a folder."""
 
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -344,7 +344,7 @@ def _measured(
 
 
 def _named(index: RunIndex, checks: tuple[str, ...]) -> list[str]:
-    """Return the names of checks, with those instead of a pattern that fit it."""
+    """Return the names of checks; a pattern is replaced by the names that match it."""
     known = index.names("check")
     found: dict[str, None] = {}
     for one in checks:
@@ -400,7 +400,7 @@ def _no_such(index: RunIndex, check: str, specimen: str) -> str:
 
 
 def _of_one_kind(check: str, checks: "list[KeptCheck]") -> "list[KeptCheck]":
-    """Return the checks if all were measured alike; misuse, with what there is, if not."""
+    """Return the checks if all were measured in the same way; otherwise misuse, with the kinds that exist."""
     kinds = {
         (
             one.run.plan,

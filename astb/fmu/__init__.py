@@ -1,1 +1,1 @@
-"""The model as Functional Mock-up Units, for simulations of others."""
+"""Export of the model as Functional Mock-up Units for other simulation programs."""

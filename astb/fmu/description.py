@@ -1,4 +1,4 @@
-"""The model description of an FMU, in the words of FMI 2.0 or 3.0."""
+"""The model description of an FMU by FMI 2.0 or 3.0."""
 
 from collections.abc import Iterable, Sequence
 from math import isfinite

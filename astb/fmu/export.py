@@ -1,4 +1,4 @@
-"""An FMU: object code of the model, the functions of FMI around it, a description, a page, a licence."""
+"""Export of an FMU: object code of the model, the functions of FMI, a description, a page, a licence."""
 
 import hashlib
 import json
@@ -32,9 +32,9 @@ def write_object(
 ) -> None:
     """Compile ``function`` for arguments of these ``types`` as ``symbol``.
 
-    It runs on any processor of this architecture or, ``native``, on those like this one. Its calling convention is
-    numba's: a place for the result, one for the exception, then the arguments, each array as owner, parent, number and
-    size of elements, address, shape, strides.
+    It runs on any processor of this architecture; with ``native`` only on processors like this one. Its calling
+    convention is numba's: a place for the result, one for the exception, then the arguments, each array as owner,
+    parent, number and size of elements, address, shape, strides.
     """
     import llvmlite.binding as llvm
     import numba
@@ -75,8 +75,8 @@ class ExportError(Exception):
 def write_unit(unit: Unit, to: Path, *, fmi: int, native: bool = False, compiled: Path | None = None) -> str:
     """Write ``unit`` as an FMU, and return its token (GUID).
 
-    It runs on every processor of this architecture unless it is ``native``. ``compiled`` is a folder in which
-    `compile_code` was: several FMUs may have what it made. Raises `ExportError` or OSError.
+    It runs on every processor of this architecture unless it is ``native``. ``compiled`` is a folder with the output of
+    `compile_code`, which several FMUs can share. Raises `ExportError` or OSError.
     """
     compiler = _compiler()
     machine = platform.machine()
@@ -119,7 +119,7 @@ def _licence() -> str:
 
 
 def _token(unit: Unit, fmi: int) -> str:
-    """Return a GUID that is another one for other values, variables, laws or functions of FMI."""
+    """Return a GUID that depends on values, variables, laws and functions of FMI."""
     digest = hashlib.sha256(
         str(digest_of(__name__, unit.code.start.__module__, unit.code.advance.__module__)).encode()
     )
@@ -179,14 +179,14 @@ def _header(unit: Unit, token: str) -> str:
 
 
 def _number(value: float) -> str:
-    """Return a number as C reads exactly that one."""
+    """Return a number in C notation, exact to the last bit."""
     if np.isinf(value):
         return "INFINITY" if value > 0 else "-INFINITY"
     return value.hex()
 
 
 def compile_code(code: Code, place: Path, *, native: bool = False) -> None:
-    """Compile ``code`` into two object files in the folder ``place``: no number of a parameter set is in them."""
+    """Compile ``code`` into two object files in the folder ``place``. They contain no number of a parameter set."""
     import numba
 
     types = numba.types

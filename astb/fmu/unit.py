@@ -15,7 +15,7 @@ from bench_sim.parameters.loading import Entry
 
 
 class Kind(IntEnum):
-    """Where a variable is in an instance of the FMU."""
+    """The storage of a variable in an instance of the FMU."""
 
     MOTION = 0  #: input with which the instance goes on within a communication step
     INPUT = 1  #: input, held over a communication step
@@ -54,12 +54,12 @@ class Variable:
 
 @dataclass(frozen=True, slots=True)
 class Code:
-    """Two compiled functions, and how much room they work in.
+    """Two compiled functions, and the size of their working memory.
 
-    ``start(x, memory, u, parameters, motion, air, work, out)`` begins at rest; all but the inputs is zero.
-    ``advance(x, memory, u, parameters, motion, since, dt, steps, work, out)`` goes on by ticks, the first of which is
+    ``start(x, memory, u, parameters, motion, air, work, out)`` begins at rest; all arguments except the inputs are
+    zero. ``advance(x, memory, u, parameters, motion, since, dt, steps, work, out)`` advances by steps; the first one is
     ``since`` s after the motion was given. ``memory`` and ``parameters`` are arrays of one record. Neither function
-    makes arrays.
+    allocates arrays.
     """
 
     name: str
@@ -81,7 +81,7 @@ class Code:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Unit:
-    """An FMU to be written. ``name`` and ``said`` are what a tool shows of it, ``about`` are paragraphs of its page."""
+    """An FMU to be written. ``name`` and ``said`` are shown by tools, ``about`` are paragraphs of its page."""
 
     code: Code
     name: str
@@ -97,7 +97,7 @@ class Unit:
 
 
 def offset(kinds: np.dtype[np.void], field: str) -> int:
-    """Return how many bytes of a record stand before its ``field``."""
+    """Return the offset in bytes of a ``field`` in a record."""
     fields: Any = kinds.fields
     return int(fields[field][1])
 
@@ -111,7 +111,7 @@ def parameters_of(
 ) -> Iterator[Variable]:
     """Yield the scalars of these ``quantities`` with bounds and provenance; ``record`` has their values.
 
-    ``kinds`` is what the FMU keeps them in.
+    ``kinds`` is the data type in which the FMU stores them.
     """
     for quantity in quantities:
         name = quantity.name

@@ -1,7 +1,7 @@
 """The door of a run in real time: a Unix socket of its user, to watch, hold, answer and stop the run.
 
-Its path follows from the rig's file, so that a panel that is started later finds the run. A line of JSON goes in, one
-comes out.
+Its path follows from the rig's file, so that a panel that is started later finds the run. A request is a line of JSON,
+and so is the answer.
 """
 
 import os
@@ -34,7 +34,7 @@ class NoRun(Exception):
 
 
 class Deaf(NoRun):
-    """There is a run, and it does not answer in time."""
+    """A run exists, but does not answer in time."""
 
 
 def door_path(rig_file: Path) -> Path:
@@ -44,7 +44,7 @@ def door_path(rig_file: Path) -> Path:
 
 
 def knock(rig_file: Path, order: dict[str, Any], within: float = 2.0) -> dict[str, Any]:
-    """Send a request to the run on this rig; NoRun if there is none, Deaf without an answer ``within`` s."""
+    """Send a request to the run on this rig; NoRun without a run, Deaf without an answer ``within`` s."""
     try:
         line = ask(door_path(rig_file), msgspec.json.encode(order), within)
         answer = msgspec.json.decode(line, type=dict[str, Any])
@@ -56,7 +56,7 @@ def knock(rig_file: Path, order: dict[str, Any], within: float = 2.0) -> dict[st
 
 
 class Door:
-    """Answers requests at the door of a run; ``live`` returns the present run, None between two."""
+    """Answers requests at the door of a run; ``live`` returns the present run, None between two runs."""
 
     def __init__(
         self, live: Callable[[], Live | None], suspension: "Suspension", box: "QuestionBox | None"

@@ -1,4 +1,4 @@
-"""The model of a run in progress: it receives events in the run's thread, and gives snapshots to any other."""
+"""The model of a run in progress: it receives events in the run's thread, and returns snapshots to any other thread."""
 
 from collections import Counter
 from math import isnan, nan
@@ -26,12 +26,12 @@ _ALSO: Final = ("supply.pressure",)
 
 
 class Live:
-    """A run of ``plan`` on ``bench``: a plan's watcher, and the source of its snapshots.
+    """A run of ``plan`` on ``bench``: the plan's watcher, and the source of its snapshots.
 
-    ``record`` is the directory that its record goes to, ``limits`` are those that are known of the rig, ``outline`` is
-    what an earlier run reports of the steps; ``box`` is where a question waits for its answer, ``suspension`` knows
-    whether the run is held, which the plan can be if ``can_hold``. A snapshot asks nothing of the rig: it has what came
-    by itself. The run's thread assigns whole values, and any other thread reads them.
+    ``record`` is the directory of its record, ``limits`` are the known limits of the rig, ``outline`` are the steps of
+    an earlier run. In ``box`` a question waits for its answer. ``suspension`` states whether the run is held,
+    ``can_hold`` whether the plan can be. A snapshot sends no request to the rig: it uses the received values. The run's
+    thread assigns whole values, and any other thread reads them.
     """
 
     def __init__(

@@ -57,7 +57,7 @@ def _written(path: Path) -> int:
 
 
 def _is_of(path: Path, plan: str) -> bool:
-    """Return whether a result is of ``plan``, by its first lines: a run may have been given another name."""
+    """Return whether a result is of ``plan``, by its first lines, because a run may have been renamed."""
     try:
         with path.open("rb") as file:
             return f'"plan": "{plan}"'.encode() in file.read(_HEAD)
@@ -90,7 +90,7 @@ class Follower:
         return self._phases[self._at + 1].name
 
     def left(self, in_step: float) -> float | None:
-        """Return how long the run takes from here (s), ``in_step`` s after the present step began; None if unknown."""
+        """Return the remaining time of the run (s), ``in_step`` s after the present step began; None if unknown."""
         if not self._known:
             return None
         present = self._phases[self._at]

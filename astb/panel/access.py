@@ -1,4 +1,4 @@
-"""Access rights of the panel: everyone may look, a client with the token may command, one page at a time.
+"""Access rights of the panel: every client may watch, clients with the token may command, one page at a time.
 
 The token is printed on the terminal as part of an address; the page exchanges it for a cookie that scripts cannot read.
 Requests with an unknown host name (DNS rebinding) and requests from pages of other origins are refused.
@@ -77,7 +77,7 @@ class Doorkeeper:
 
 
 def _is_address(name: str) -> bool:
-    """Whether it is an address, which no foreign DNS can give a meaning to."""
+    """Return whether the name is an IP address, so that no DNS server can redirect it."""
     try:
         ipaddress.ip_address(name)
     except ValueError:
@@ -86,9 +86,9 @@ def _is_address(name: str) -> bool:
 
 
 def kept_token(rig_file: Path) -> str:
-    """Return the token for the panel of this rig; a server that is started again has the same one.
+    """Return the token for the panel of this rig; it stays the same after a restart of the server.
 
-    It lies where only this user can read it, next to the sockets of rigs and runs.
+    It is stored where only this user can read it, next to the sockets of rigs and runs.
     """
     path = door_path(rig_file).with_suffix(".token")
     own_directory(path.parent)
@@ -107,10 +107,11 @@ def _client(connection: HTTPConnection) -> str:
 
 
 class Patience:
-    """How long anyone who shows a token has to wait, so that no one tries many: by his client, and by all together.
+    """The waiting time of clients that show a token, per client and for all together. It prevents trials of many
+    tokens.
 
-    A few tries are free, then there is one in each period (the generic cell rate algorithm, ITU-T I.371). Who would
-    wait longer than 4 s is refused and costs nothing, so that no one's turn is ever farther away than that.
+    A few tries are free, then one is allowed in each period (the generic cell rate algorithm, ITU-T I.371). A try that
+    would wait longer than 4 s is refused and does not count, so no client ever waits longer.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -131,13 +132,13 @@ class Patience:
         return max(wait, 0.0)
 
     def forgive(self, client: str) -> None:
-        """Forget the tries of a client that has shown the right token."""
+        """Delete the tries of a client that has shown the right token."""
         self._due.pop(client, None)
         self._due[""] = self._due.get("", 0) - round(_ALL[0] * NS)
 
 
 class Access:
-    """The token, and the one seat of anyone who commands."""
+    """The token, and the seat of the one page that commands."""
 
     def __init__(self, token: str, port: int, clock: Clock) -> None:
         if not token:
@@ -149,11 +150,11 @@ class Access:
         self._last_seen = 0
 
     def may_command(self, connection: HTTPConnection) -> bool:
-        """Whether this one has shown the token."""
+        """Return whether the client has shown the token."""
         return compare_digest(connection.cookies.get(self.cookie, "").encode(), self.token.encode())
 
     def enter(self, token: str) -> dict[str, object]:
-        """Return the arguments of the cookie for who shows the right token. NotAllowed for a wrong one."""
+        """Return the arguments of the cookie for a client with the right token. NotAllowed for a wrong one."""
         if not compare_digest(token.encode(), self.token.encode()):
             raise NotAllowed("wrong token; the terminal of the panel shows the address with the right token")
         return {
@@ -165,7 +166,7 @@ class Access:
         }
 
     async def wait(self, connection: HTTPConnection) -> None:
-        """Delay a client that tries a token. NotAllowed if too many do."""
+        """Delay a client that tries a token. NotAllowed after too many tries."""
         if seconds := self._patience.wait(_client(connection)):
             await sleep(seconds)
 
@@ -188,23 +189,25 @@ class Access:
         return self.taken and page == self._page
 
     def take_seat(self, page: str, *, from_other: bool = False) -> bool:
-        """Give the seat to a page that may have it, if it is free or is to be taken from another; show whether."""
+        """Give the seat to a page with a name if the seat is free, its own or ``from_other``; return whether it has
+        it.
+        """
         if page and (from_other or not self.taken or page == self._page):
             self._page, self._last_seen = page, self._clock.now()
             return True
         return False
 
     def keep_seat(self, page: str) -> None:
-        """Note that a page is still there; it keeps its seat, or gets it if no one has it."""
+        """Note that a page is still open; it keeps its seat, or gets a free one."""
         self.take_seat(page)
 
     def require_token(self, connection: HTTPConnection) -> None:
-        """NotAllowed for who has not shown the token."""
+        """Raise NotAllowed for a client without the token."""
         if not self.may_command(connection):
             raise NotAllowed("this page can only watch; to command, open the address that the terminal shows")
 
     def require_seat(self, connection: HTTPConnection) -> None:
-        """NotAllowed for who has not shown the token, or is not the page that commands."""
+        """Raise NotAllowed for a client without the token, or for a page that does not command."""
         self.require_token(connection)
         page = connection.headers.get("x-astb-page", "")
         if not self.take_seat(page):

@@ -1,4 +1,4 @@
-"""What a view is answered: a page, or JSON, computed in a thread."""
+"""Answers to requests of views: a page, or JSON, computed in a thread."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ class Threads:
 
 
 def answered(answer: Callable[[Request], object]) -> Callable[[Request], Any]:
-    """Return the endpoint that answers in a thread: text is a page, anything else JSON."""
+    """Return an endpoint that computes its answer in a thread: text is a page, anything else JSON."""
 
     async def endpoint(request: Request) -> Response:
         try:
@@ -54,7 +54,7 @@ def answered(answer: Callable[[Request], object]) -> Callable[[Request], Any]:
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """What routes are made of: the rig as it is watched, its runs, who may do what, where records go."""
+    """The common parts of all routes: the watched rig, its runs, the access rights, the folder of records."""
 
     watch: Watch
     runs: Runs

@@ -1,4 +1,4 @@
-"""The CAN bus for the page: how many frames of each identifier come, and what the rig says of who commands it.
+"""The CAN bus for the page: number of frames of each identifier, and the commander that the rig reports.
 
 The view has its own connection to the bus while a user looks at it; it requests nothing from the rig.
 """
@@ -59,7 +59,7 @@ def routes(parts: Parts) -> Sequence[Route]:
 
 
 class Bus:
-    """Counts frames from the first `look` on, until no one has looked for a while."""
+    """Counts frames from the first `look` on, until no client has looked for a while."""
 
     def __init__(self, watch: Watch) -> None:
         self._watch = watch
@@ -69,7 +69,7 @@ class Bus:
         self._clear()
 
     def look(self) -> dict[str, Any]:
-        """Return the counts since a user looks, and the time (s, own clock); the page computes rates from them."""
+        """Return the counts since the first look, and the time (s, own clock); the page computes rates from them."""
         if self._lost:
             self.close()
         with self._lock:
@@ -92,7 +92,7 @@ class Bus:
         }
 
     def close(self) -> None:
-        """Leave the bus, and begin again when a user looks again."""
+        """Leave the bus; the next look connects again."""
         with self._lock:
             port, self._port = self._port, None
         if port is not None:
@@ -126,7 +126,7 @@ class Bus:
         self._others = 0
 
     def _listen(self) -> str:
-        """Be on the bus; return why that cannot be, "" if it can."""
+        """Connect to the bus; return why that fails, "" on success."""
         from drivers.can_port import open_can
 
         rig = self._watch.rig

@@ -1,4 +1,4 @@
-"""Routes that change something: who may give an order, what it says, and what the page is answered."""
+"""Routes of commands: the required rights, the content of requests, and the answers to the page."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, Final
@@ -22,10 +22,10 @@ Command = Callable[[Request, dict[str, Any]], object]
 
 
 def command(parts: Parts, path: str, do: Command, *, seat: bool = True) -> Route:
-    """Return the route of a command, which only the page that commands may give; without ``seat`` any with the token.
+    """Return the route of a command that only the commanding page may use; without ``seat`` any client with the token.
 
-    ``do(request, body)`` runs in a thread; its result goes to the page, and so do NotAllowed and CannotDo.
-    Each command has its own places: a stop waits for no other order, and for no view.
+    ``do(request, body)`` runs in a thread. Its result, NotAllowed and CannotDo are sent to the page. Each command has
+    its own limit of parallel requests, so that a stop never waits for other commands or views.
     """
     places = CapacityLimiter(_AT_ONCE)
 
@@ -47,7 +47,7 @@ def command(parts: Parts, path: str, do: Command, *, seat: bool = True) -> Route
 
 
 async def json_body(request: Request) -> dict[str, Any]:
-    """Return what a request says. NotAllowed if it is too much, or no JSON object."""
+    """Return the JSON object in a request. NotAllowed if it is too long or another kind of data."""
     body = await read_body(request, _BODY_MAX, "the request is too long")
     try:
         told = msgspec.json.decode(body or b"{}", type=dict[str, Any])
@@ -61,7 +61,7 @@ async def json_body(request: Request) -> dict[str, Any]:
 
 
 async def read_body(request: Request, most: int, too_much: str) -> bytes:
-    """Return the body of a request; its length is not always known before. NotAllowed above ``most`` bytes."""
+    """Return the body of a request, whose length may be unknown. NotAllowed above ``most`` bytes."""
     body = bytearray()
     try:
         async for part in request.stream():
@@ -74,7 +74,7 @@ async def read_body(request: Request, most: int, too_much: str) -> bytes:
 
 
 def _depth(value: object) -> int:
-    """Return how many tables and lists lie in one another, as far as that matters."""
+    """Return the depth of nested tables and lists, at most one above the limit."""
     layer, depth = [value], 0
     while layer and depth <= _DEPTH_MAX:
         inner = [one for one in layer if isinstance(one, dict | list)]
@@ -86,7 +86,7 @@ def _depth(value: object) -> int:
 
 
 def text_of(body: Mapping[str, Any], key: str) -> str:
-    """Return a text of a request, "" if it is missing. NotAllowed if it is no text, or is not valid UTF-8."""
+    """Return a text of a request, "" if it is missing. NotAllowed if it is not a text, or not valid UTF-8."""
     value = body.get(key, "")
     if not isinstance(value, str):
         raise NotAllowed(f"{key} must be a text", 400)
@@ -106,14 +106,14 @@ def settings_of(body: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _written(name: str, value: object) -> str:
-    """Return a parameter as people write it."""
+    """Return the value of a parameter as text."""
     if isinstance(value, dict | list):
         raise NotAllowed(f"{name} must be a text or a number", 400)
     return text_of({name: str(value)}, name)
 
 
 def refusal(error: Exception, status: int) -> Response:
-    """Return why something is not done; of a long reason its beginning."""
+    """Return the answer for a refused request; a long reason is cut."""
     reason = str(error)
     return json_answer(
         {"error": reason if len(reason) <= _REASON_MAX else f"{reason[:_REASON_MAX]}…"}, status

@@ -81,7 +81,7 @@ class Room:
 
 
 class Rooms:
-    """The rooms of a panel, and who belongs where."""
+    """The rooms of a panel, and the assignment of connections to them."""
 
     def __init__(self, access: Access) -> None:
         self._access = access
@@ -121,9 +121,9 @@ def _address(connection: "Requests | Pages") -> str:
 
 
 class Gate:
-    """Accepts connections; each waits here as a bare socket, which costs little, until its first bytes come.
+    """Accepts connections. Each waits here as a bare socket, which needs few resources, until its first bytes arrive.
 
-    Who shows the token is served at once. Of all others one is served in each turn of the event loop.
+    A client that shows the token is served at once. Of all others one is served in each turn of the event loop.
     """
 
     def __init__(self, listening: socket.socket, rooms: Rooms, protocol: Callable[[], "Requests"]) -> None:
@@ -201,7 +201,7 @@ class Gate:
 
 
 class Requests(H11Protocol):
-    """A connection with requests, as uvicorn serves them; a stranger has little time for each."""
+    """A connection with HTTP requests in uvicorn. The time of a stranger for each request is short."""
 
     def __init__(self, *args: Any, rooms: Rooms, **more: Any) -> None:
         super().__init__(*args, **more)
@@ -211,7 +211,7 @@ class Requests(H11Protocol):
         self._deadline: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Take it as a stranger."""
+        """Register the connection as a stranger."""
         super().connection_made(transport)
         self._rooms.arrive(self)
         self._due(REQUEST_WITHIN)
@@ -223,7 +223,7 @@ class Requests(H11Protocol):
         super().connection_lost(exc)
 
     def handle_events(self) -> None:
-        """Look at the headers of each request, and limit the time of a stranger."""
+        """Check the headers of each request, and limit the time of a stranger."""
         super().handle_events()
         if self not in self.connections:
             return  # it has become a page
@@ -236,7 +236,7 @@ class Requests(H11Protocol):
             self._due(ANSWER_WITHIN)
 
     def on_response_complete(self) -> None:
-        """Begin the time for the next request."""
+        """Start the time limit for the next request."""
         if self.known:
             self.timeout_keep_alive = round(_KEPT_OPEN)
         else:
@@ -244,7 +244,7 @@ class Requests(H11Protocol):
         super().on_response_complete()
 
     def handle_websocket_upgrade(self, event: Any) -> None:
-        """Hand the connection to the page's protocol, which looks for its own place."""
+        """Pass the connection to the protocol of pages, which registers its own slot."""
         self._rooms.leave(self)
         self._due(None)
         super().handle_websocket_upgrade(event)
@@ -256,10 +256,10 @@ class Requests(H11Protocol):
 
 
 class Pages(WebSocketsSansIOProtocol):
-    """The WebSocket of a page, as uvicorn serves it.
+    """The WebSocket of a page in uvicorn.
 
-    Text that is no UTF-8 closes it with 1007 and prints no traceback. A stranger's page that finds no place is
-    accepted and closed at once, so that it can show the reason (``no_place`` in the state of its scope).
+    Text that is not UTF-8 closes it with 1007, without a traceback. A stranger's page without a slot is accepted and
+    closed at once, so that it can show the reason (``no_place`` in the state of its scope).
     """
 
     def __init__(self, *args: Any, rooms: Rooms, **more: Any) -> None:
@@ -268,7 +268,7 @@ class Pages(WebSocketsSansIOProtocol):
         self.close_timeout = _CLOSE_WITHIN
 
     def connection_made(self, transport: Any) -> None:
-        """Take it as a stranger."""
+        """Register the connection as a stranger."""
         super().connection_made(transport)
         self._rooms.arrive(self)
 
@@ -278,7 +278,7 @@ class Pages(WebSocketsSansIOProtocol):
         super().connection_lost(exc)
 
     def handle_connect(self, event: Any) -> None:
-        """Look for a place that no later stranger takes away."""
+        """Get a slot that later strangers cannot take."""
         super().handle_connect(event)
         if self.close_sent or self._rooms.admit(self):
             return
@@ -291,7 +291,7 @@ class Pages(WebSocketsSansIOProtocol):
         self.loop.call_later(_CLOSE_WITHIN, self.transport.abort)
 
     def send_receive_event_to_app(self) -> None:
-        """Hand on a message; text that is no UTF-8 ends the connection."""
+        """Pass a message to the application; text that is not UTF-8 ends the connection."""
         if self.curr_msg_data_type == "text" and not self.close_sent:
             try:
                 b"".join(self.frames).decode()
@@ -340,7 +340,7 @@ class Server(uvicorn.Server):
         self._gates = [Gate(one, self._rooms, protocol) for one in sockets or []]
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Accept no one any more, and end."""
+        """Accept no further connections, and end."""
         for gate in self._gates:
             gate.close()
         await super().shutdown(sockets)

@@ -1,4 +1,4 @@
-"""The last minutes of many signals as smallest and greatest value of each stretch of time, in bounded memory."""
+"""The last minutes of many signals in bounded memory: smallest and largest value of each interval."""
 
 import threading
 from typing import Final
@@ -16,7 +16,7 @@ LEVELS: Final = ((5 * ms, 2 * minutes), (100 * ms, 1 * hours))
 
 
 class Level:
-    """Smallest and greatest value of every stretch of ``width`` s, the last ``span`` s of them; rows are signals."""
+    """Smallest and largest value of every interval of ``width`` s over the last ``span`` s; rows are signals."""
 
     def __init__(self, rows: int, width: float, span: float) -> None:
         self.width, self.span = width, span
@@ -41,7 +41,9 @@ class Level:
         np.fmax.at(self._high, at, values[kept])
 
     def read(self, rows: Ints, first: int, count: int, together: int) -> tuple[Floats32, Floats32]:
-        """Return lows and highs of ``count`` stretches from ``first`` on, ``together`` of ours in each."""
+        """Return lows and highs of ``count`` intervals from ``first`` on, each over ``together`` intervals of this
+        level.
+        """
         slots = np.arange(first * together, (first + count) * together)
         known = (slots > self.head - self._slots) & (slots <= self.head) & (slots >= 0)
         columns = slots % self._slots
@@ -52,7 +54,7 @@ class Level:
 
 
 class Envelope:
-    """All levels of all signals; samples come from one thread, pictures are requested by another."""
+    """All levels of all signals. One thread stores samples, another one reads pictures."""
 
     def __init__(self, rows: int) -> None:
         self._levels = [Level(rows, width, span) for width, span in LEVELS]
@@ -66,14 +68,14 @@ class Envelope:
                     level.take(times, rows, values)
 
     def scale(self, span: float, columns: int) -> "Scale":
-        """Return how to look at the last ``span`` s in about ``columns`` stretches."""
+        """Return the scale for the last ``span`` s in about ``columns`` intervals."""
         level = next((one for one in self._levels if one.span >= span), self._levels[-1])
         together = max(1, round(min(span, level.span) / columns / level.width))
         return Scale(level, together, self._lock)
 
 
 class Scale:
-    """A way to look at the envelope: stretches of one length, numbered from the beginning of time."""
+    """A view of the envelope: intervals of one length, numbered from time 0."""
 
     def __init__(self, level: Level, together: int, lock: threading.Lock) -> None:
         self._level, self._together, self._lock = level, together, lock
@@ -82,10 +84,10 @@ class Scale:
 
     @property
     def head(self) -> int:
-        """The number of the newest stretch, which may still fill; -1 before the first sample."""
+        """The number of the newest interval, which may still be incomplete; -1 before the first sample."""
         return self._level.head // self._together
 
     def read(self, rows: Ints, first: int) -> tuple[Floats32, Floats32]:
-        """Return lows and highs from stretch ``first`` to the newest: arrays of len(rows) × stretches."""
+        """Return lows and highs from interval ``first`` to the newest: arrays of len(rows) × intervals."""
         with self._lock:
             return self._level.read(rows, first, max(0, self.head + 1 - first), self._together)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def routes(parts: Parts) -> Sequence[Route]:
-    """Return the routes of the view *faults*: every page sees active faults, the page that commands switches them."""
+    """Return the routes of the view *faults*: every page sees active faults, the commanding page switches them."""
     rig = parts.watch.rig
 
     async def listed(request: Request) -> Response:
@@ -49,7 +49,7 @@ def _on(rig: RigFile, body: dict[str, Any]) -> dict[str, Any]:
 
 
 def _order(rig: RigFile, order: dict[str, Any]) -> dict[str, Any]:
-    """Return what the rig answers on its control socket. CannotDo if there is none, or it refuses."""
+    """Return the rig's answer on its control socket. CannotDo without a socket, or if the rig refuses."""
     if rig.simulation is None:
         raise CannotDo(f"{rig.name} is a real rig; faults can be inserted only into a simulated rig")
     try:

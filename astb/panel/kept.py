@@ -1,4 +1,4 @@
-"""Past runs and diagnoses for the page: the index of the folder that the panel writes into, and pages made of it."""
+"""Past runs and diagnoses for the page: the index of the panel's folder, and pages made from it."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _NAME: Final = re.compile(r"\w[\w .-]{0,58}[\w-]|\w")
 
 
 class Diagnosis(msgspec.Struct, frozen=True, kw_only=True):
-    """A diagnosis that lies in the folder. ``written`` is ISO 8601 in UTC."""
+    """A diagnosis in the folder. ``written`` is ISO 8601 in UTC."""
 
     directory: str
     written: str
@@ -105,7 +105,7 @@ class Kept:
         self._folder = folder
 
     def runs(self) -> dict[str, Any]:
-        """Return all runs, the newest first, and what cannot be read."""
+        """Return all runs, the newest first, and the unreadable ones."""
         if not self._folder.is_dir():
             return {"folder": str(self._folder), "runs": [], "unreadable": {}}
         index = RunIndex(self._folder)
@@ -129,7 +129,7 @@ class Kept:
         ]
 
     def replay(self, run: str) -> dict[str, Any]:
-        """Return a run for the drawing of the bench, and its numbers as a report packs them."""
+        """Return a run for the drawing of the bench, and its numbers in the packed form of reports."""
         numbers = PlotData()
         told = replay_of(read(self.known(run)), numbers)
         if told is None:
@@ -137,7 +137,7 @@ class Kept:
         return {"told": told, "packed": numbers.packed}
 
     def report(self, run: str) -> str:
-        """Return the report of a run: the one that lies there, or one made now; nothing is written."""
+        """Return the report of a run: the existing file, or one made now; nothing is written."""
         directory = self.known(run)
         if (path := directory / REPORT).exists():
             return path.read_text(encoding="utf-8")
@@ -149,7 +149,7 @@ class Kept:
         return _page(lambda path: write_comparison(found, path))
 
     def trend(self, run: str, places: Sequence[int]) -> str:
-        """Return the page of some checks of a run over all runs that were made as this one, of its specimen."""
+        """Return the page of some checks of a run, over all runs of its specimen that were made in the same way."""
         checks = open_run(self.known(run)).result.checks
         index = RunIndex(self._folder)
         known = next(one for one in index.runs() if one.directory == run)
@@ -202,10 +202,10 @@ class Kept:
             raise RecordError(f"{REPORT} of {of} cannot be read: {error.strerror}") from None
 
     def move(self, run: str, to: str) -> tuple[Path, Path]:
-        """Give the folder of a run another name, or move it to the archive or back; return where it was and is now.
+        """Rename the folder of a run, or move it to the archive or back; return the old and the new path.
 
-        Its files do not change, so that signatures remain valid. CannotDo for a run in progress, or a name that is
-        taken or none.
+        Its files do not change, so that signatures stay valid. CannotDo for a run in progress, and for an invalid or
+        existing name.
         """
         known = {one.directory: one for one in RunIndex(self._folder).runs()}
         if run not in known:
@@ -235,7 +235,7 @@ class Kept:
         return old, new
 
     def known(self, run: str) -> Path:
-        """Return the directory of a run; only what the index lists is opened."""
+        """Return the directory of a run in the index; no other directory is opened."""
         if run not in [one.directory for one in RunIndex(self._folder).runs()]:
             raise RecordError(f"{self._folder} holds no run {run}")
         return self._folder / run

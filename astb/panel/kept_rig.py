@@ -1,4 +1,4 @@
-"""A simulated rig that is there as long as a panel or a run needs it: found running, or started on a lifeline."""
+"""A simulated rig that runs as long as a panel or a run needs it: an existing one, or one started here."""
 
 import os
 import subprocess
@@ -11,10 +11,10 @@ from bench_protocol.runtime import LINUX
 
 
 class KeptRig:
-    """Starts the rig of a file if it is a simulated one and does not answer; any other rig is left to itself.
+    """Starts the rig of a file if it is simulated and does not answer; any other rig is not changed.
 
-    ``lifeline`` is one end of a pipe, None unless a rig was started here: it runs until no one holds this end any more.
-    A run that inherits it keeps the rig when the panel ends, or is killed.
+    ``lifeline`` is one end of a pipe, None unless a rig was started here. The rig runs until all holders of this end
+    have closed it. A run that inherits it keeps the rig when the panel ends, or is killed.
     """
 
     def __init__(self, rig: RigFile, path: Path, seed: int | None, say: Callable[[str], None]) -> None:

@@ -49,7 +49,7 @@ def routes(parts: Parts, known: Known) -> Sequence[Route]:
 
 
 def listed(directory: Path) -> list[dict[str, Any]]:
-    """Return the notes on a run, oldest first: whether each file is as it was added, and whether it is a picture."""
+    """Return the notes on a run, oldest first, each with whether its file is unchanged and whether it is a picture."""
     return [
         {
             "at": one.at,
@@ -64,7 +64,7 @@ def listed(directory: Path) -> list[dict[str, Any]]:
 
 
 def _adding(parts: Parts, known: Known) -> Callable[[Request], Awaitable[Response]]:
-    """Return what takes a note: its words are in the address, a file is the body. Who has the token may write."""
+    """Return the endpoint that stores a note: its text is in the address, a file is the body. It requires the token."""
     places = CapacityLimiter(_AT_ONCE)
 
     async def endpoint(request: Request) -> Response:
@@ -92,7 +92,7 @@ def _adding(parts: Parts, known: Known) -> Callable[[Request], Awaitable[Respons
 
 
 def _refuse(told: dict[str, str]) -> None:
-    """NotAllowed for texts that are too long, or for an invalid file name."""
+    """Raise NotAllowed for texts that are too long, and for an invalid file name."""
     for key, text in told.items():
         try:
             text.encode()
@@ -111,7 +111,7 @@ def _refuse(told: dict[str, str]) -> None:
 
 
 def _file(known: Known) -> Callable[[Request], Awaitable[Response]]:
-    """Return what hands out the file of a note: a picture to be looked at, anything else to be saved."""
+    """Return the endpoint for the file of a note: pictures are displayed, other files downloaded."""
 
     async def endpoint(request: Request) -> Response:
         run, name = (request.query_params.get(key, "") for key in ("run", "file"))

@@ -32,9 +32,9 @@ logging.getLogger("asyncua").addHandler(logging.NullHandler())
 
 
 class OpcUaServer:
-    """Serves each measurement that ``watch`` shows as the variable ``ns=2;s=NAME``, ten times a second.
+    """Serves each measurement of ``watch`` as the variable ``ns=2;s=NAME``, ten times a second.
 
-    BenchError if ``host`` and ``port`` (0: any free port) cannot be served.
+    BenchError if ``host`` and ``port`` (0: any free port) cannot be used.
     """
 
     def __init__(self, watch: Watch, host: str, port: int) -> None:

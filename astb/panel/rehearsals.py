@@ -1,4 +1,4 @@
-"""Rehearsals for the page: `astb rehearse` in its own process, in virtual time, which touches no rig."""
+"""Rehearsals for the page: `astb rehearse` in its own process, in virtual time, without any rig."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _NICE: Final = ("nice", "-n", "15")
 
 
 def routes(parts: Parts) -> Sequence[Route]:
-    """Return the routes of rehearsals: start one, look how it stands, and its page."""
+    """Return the routes of rehearsals: start, state, and page."""
     rehearsals = Rehearsals(parts)
     return [
         Route("/api/rehearsal", answered(lambda request: rehearsals.state())),
@@ -48,7 +48,7 @@ def routes(parts: Parts) -> Sequence[Route]:
 
 
 class Rehearsals:
-    """One rehearsal at a time, and what the last one came to."""
+    """One rehearsal at a time, and the result of the last one."""
 
     def __init__(self, parts: Parts) -> None:
         self._parts = parts
@@ -58,7 +58,7 @@ class Rehearsals:
         self._lock = threading.Lock()
 
     def start(self, body: Mapping[str, Any]) -> None:
-        """Begin to rehearse a plan. CannotDo while a run or a rehearsal goes on, or for what the plan refuses."""
+        """Start to rehearse a plan. CannotDo during a run or a rehearsal, or for settings that the plan refuses."""
         plan, settings = text_of(body, "plan"), settings_of(body)
         refuse_settings(plan, settings)
         specimen = Specimens(self._parts.out).place(text_of(body, "specimen"))
@@ -66,9 +66,9 @@ class Rehearsals:
         self._launch(plan, [*chosen, f"--specimen={specimen}"] if specimen else chosen)
 
     def go_on(self, body: Mapping[str, Any]) -> None:
-        """Repeat a kept run, and continue it from an instant with a change; refusals are reported afterwards.
+        """Repeat a recorded run, and continue it with a change from an instant on; refusals are reported afterwards.
 
-        CannotDo while a run or a rehearsal goes on, or without such a run; NotAllowed for an invalid request.
+        CannotDo during a run or a rehearsal, or without such a run; NotAllowed for an invalid request.
         """
         try:
             directory = Kept(self._parts.out).known(text_of(body, "run"))
@@ -112,7 +112,7 @@ class Rehearsals:
         process.wait()
 
     def state(self) -> dict[str, Any]:
-        """Return how it stands: the plan, whether it goes on, what it came to, and the folder of its page."""
+        """Return the state: the plan, whether it is in progress, its result, and the folder of its page."""
         process = self._process
         if process is None:
             return {"plan": "", "going": False}

@@ -48,7 +48,7 @@ class Stopped:
     emptied: int | None = None
 
     def as_json(self) -> dict[str, Any]:
-        """Return it for the page, with times in ms."""
+        """Return the stop for the page, with times in ms."""
         return {
             "by": self.by,
             "how": self.how,
@@ -86,9 +86,9 @@ class Runs:
         ambient: str = "",
         twin: bool = False,
     ) -> None:
-        """Start a plan with parameters as people write them, next to its ``twin`` if wanted.
+        """Start a plan with parameters as text, with its ``twin`` if wanted.
 
-        CannotDo, in the words of `astb run`, if it refuses.
+        CannotDo with the message of `astb run` if it refuses.
         """
         stops = self._stops
         if self._watch.lacks_stop:
@@ -132,7 +132,7 @@ class Runs:
 
     @property
     def going(self) -> bool:
-        """Whether a run goes on, started here or anywhere on this machine with the same rig file."""
+        """Whether a run is in progress, started here or elsewhere on this machine with the same rig file."""
         return self._watch.status.pid is not None or self._starting
 
     @property
@@ -140,7 +140,7 @@ class Runs:
         return self._process is not None and self._process.poll() is None
 
     def order(self, do: str, **more: str) -> None:
-        """Send an order to the run: hold, resume, stop, answer. CannotDo if there is none, or it refuses."""
+        """Send an order to the run: hold, resume, stop, answer. CannotDo without a run, or if it refuses."""
         try:
             told = knock(self._watch.path, {"do": do, **more})
         except NoRun:
@@ -153,12 +153,12 @@ class Runs:
             raise CannotDo(told["error"])
 
     def emergency_stop(self, by: str = "") -> str:
-        """Bring the bench to its safe position over the wires, and end the run; return a description of the action.
+        """Bring the bench to its safe position over the buses, and end the run; return a description of the action.
 
-        ``by`` is the name of the user, as far as the page knows it.
+        ``by`` is the name of the user, as far as the page has it.
 
         The run sends the order to the rig, as its commander. A run that does not answer is killed; the rig then holds
-        and vents as it does without a commander. Without a run the panel sends the order. CannotDo if the rig did not
+        and vents, because its commander is lost. Without a run the panel sends the order. CannotDo if the rig did not
         receive it.
         """
         if self._watch.lacks_stop and not self.going:
@@ -215,11 +215,11 @@ class Runs:
         return "the rig was commanded to its safe position"
 
     def reset(self) -> None:
-        """Clear a latched fault, while no one commands."""
+        """Clear a latched fault, if the rig has no commander."""
         self._by_hand(lambda: self._watch.act("action.reset"))
 
     def vent(self) -> None:
-        """Vent both springs, while no one commands."""
+        """Vent both springs, if the rig has no commander."""
         self._by_hand(lambda: self._watch.write({"air.left_mode": "vent", "air.right_mode": "vent"}))
 
     def _by_hand(self, do: Callable[[], None]) -> None:
@@ -266,7 +266,7 @@ class Runs:
 
 
 def refuse_settings(plan: str, settings: Mapping[str, str]) -> None:
-    """CannotDo, with the message of the command line, for an unknown plan, or for settings that it does not take."""
+    """Raise CannotDo, with the message of the command line, for an unknown plan or invalid settings."""
     if (known := plans().get(plan)) is None:
         raise CannotDo(unknown(plan))
     try:
@@ -276,7 +276,7 @@ def refuse_settings(plan: str, settings: Mapping[str, str]) -> None:
 
 
 def _conclusion(record: Path, out: Path) -> dict[str, Any]:
-    """What the page shows of a run that is over; its report can be opened if it lies in ``out``."""
+    """Return what the page shows of a finished run; its report can be opened if it is in ``out``."""
     try:
         result = read_result(record)
     except RecordError as error:

@@ -1,4 +1,4 @@
-"""The server of the panel: its page, what the page asks once, what it commands, and the stream that it follows."""
+"""The server of the panel: its page, the data that the page requests once, its commands, and its stream."""
 
 from collections.abc import Awaitable, Callable, Collection, Sequence
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ def _no_routes(parts: Parts) -> "Sequence[BaseRoute]":
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A view: its name (that of its file in ``page/``), its title, and what makes its routes."""
+    """A view: its name (that of its file in ``page/``), its title, and the function that makes its routes."""
 
     name: str
     title: str
@@ -65,7 +65,7 @@ _POLICY: Final = (
 
 
 def application(parts: Parts, *, host: str, names: Collection[str] = ()) -> Starlette:
-    """Return the panel as an ASGI application; ``host`` and ``names`` are those under which it is served."""
+    """Return the panel as an ASGI application; ``host`` and ``names`` are its host names."""
     stream = Stream(parts.watch, parts.runs, parts.access)
     runs = parts.runs
     routes = [
@@ -145,7 +145,7 @@ def _about(parts: Parts) -> dict[str, Any]:
 
 
 def _plans(parts: Parts, specimen: str) -> dict[str, Any]:
-    """Return the plans for a specimen as JSON data, for the ordinary one without a name."""
+    """Return the plans for a specimen as JSON data; without a name for the default specimen."""
     known = Specimens(parts.out)
     try:
         spring = known.read(specimen)
@@ -195,7 +195,7 @@ def _seat(parts: Parts, request: Request) -> None:
 
 
 class _Fresh:
-    """Prevents that a browser caches the page, so that an update of the package takes effect."""
+    """Prevents browsers from caching the page, so that an update of the package takes effect."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

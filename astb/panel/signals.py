@@ -1,4 +1,4 @@
-"""The signals that the panel shows: how each is called, its unit and decimals, its limits, where it stands."""
+"""The signals that the panel shows: name, unit and decimals, limits, and position."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -27,7 +27,7 @@ KEY: Final = (
 
 
 class Shown(msgspec.Struct, frozen=True):
-    """A signal as people read it; limits and range are in its ``unit``."""
+    """A signal for display; limits and range are in its ``unit``."""
 
     name: str
     label: str
@@ -41,7 +41,7 @@ class Shown(msgspec.Struct, frozen=True):
     key: bool
 
     def of(self, value: Any) -> Any:
-        """Return a value (SI), or an array of values, in the unit."""
+        """Return a value (SI), or an array of values, in the display unit."""
         return (value - self.zero) / self.factor
 
 
@@ -52,7 +52,7 @@ def shown_signals(limits: Sequence[KnownLimit]) -> tuple[Shown, ...]:
 
 
 def shown(signal: Signal, limits: Sequence[KnownLimit] = ()) -> Shown:
-    """Return a measurement as people read it."""
+    """Return a measurement for display."""
     read_in = "degC" if signal.unit == "K" else signal.unit
     unit = UNITS[read_in]
     mine = [one.limit for one in limits if one.limit.signal == signal.name]

@@ -1,4 +1,4 @@
-"""Specimens for the page: those that come with the bench, and files that a user brings, which are checked first."""
+"""Specimens for the page: those of the bench, and files from users, which are checked first."""
 
 from __future__ import annotations
 
@@ -48,35 +48,35 @@ def routes(parts: Parts) -> Sequence[Route]:
 
 
 class Specimens:
-    """The specimens by name: one of ours has a name, one that was brought that of its file, which ends in .toml."""
+    """The specimens by name. A user's specimen has the name of its file, which ends in .toml."""
 
     def __init__(self, out: Path) -> None:
         self._folder = out / FOLDER
 
     def names(self) -> list[str]:
-        """Return the names, ours first."""
+        """Return the names, those of the bench first."""
         own = (one.name for one in self._folder.glob("*.toml")) if self._folder.is_dir() else ()
         return [*packaged(), *sorted(own)]
 
     def place(self, name: str) -> str:
-        """Return what `astb run --specimen` takes for it, "" for "". CannotDo for a name that is not listed."""
+        """Return the argument for `astb run --specimen`, "" for "". CannotDo for a name that is not listed."""
         if name and name not in self.names():
             raise CannotDo(f"there is no specimen {name!r}; the specimens are {', '.join(self.names())}")
         return str((self._folder / name).resolve()) if name.endswith(".toml") else name
 
     def read(self, name: str) -> Specimen:
-        """Return a specimen, without a name the ordinary one. CannotDo, in the words of its reader."""
+        """Return a specimen; without a name the default one. CannotDo with the message of its reader."""
         try:
             return read_specimen(self.place(name) or ORDINARY)
         except SpecimenError as error:
             raise CannotDo(str(error)) from None
 
     def listed(self) -> list[dict[str, Any]]:
-        """Return what there is to say of each, or what is wrong with it."""
+        """Return the facts of each specimen, or its errors."""
         return [self._facts(name) for name in self.names()]
 
     def content(self, name: str) -> dict[str, Any]:
-        """Return all that a file says: its rows with value or limits, unit, provenance and source."""
+        """Return the content of a file: its rows with value or limits, unit, provenance and source."""
         try:
             path = Path(self.place(name)) if name.endswith(".toml") else place_of(PACKAGE, name)
             content = parse_toml(read_bounded(path))
@@ -85,7 +85,7 @@ class Specimens:
         return self._facts(name) | {"rows": list(_rows(content))}
 
     def add(self, name: str, text: str, *, instead: bool = False) -> str:
-        """Keep a file that a user brings; return its name. CannotDo, and nothing is kept, if it is no specimen."""
+        """Store a user's file; return its name. CannotDo, and nothing is stored, if it is not a valid specimen."""
         if not _NAME.fullmatch(name):
             raise CannotDo(
                 f"{name!r} is not a valid name for the file of a specimen; use a name such as mine.toml"

@@ -1,10 +1,11 @@
-"""What a page sees while it is open: status as JSON, pictures of signals as binary frames, over one WebSocket.
+"""Data for an open page over one WebSocket: status as JSON, pictures of signals as binary frames.
 
-A picture is sent when the one before has left: a page that reads slowly loses pictures, and the server never waits.
+A picture is sent after the one before has been sent. A page that reads slowly loses pictures, and the server never
+waits.
 
-A binary frame is, little-endian: number of the trace (u32), signals (u32), stretches (u32), 1 to discard earlier
-stretches (u32), number of the first stretch (f64), length of a stretch in s (f64), then the lows and the highs
-as f32, signal by signal; NaN without samples.
+A binary frame is, little-endian: number of the trace (u32), signals (u32), intervals (u32), 1 to discard earlier
+intervals (u32), number of the first interval (f64), length of an interval in s (f64), then the lows and the highs as
+f32, signal by signal; NaN without samples.
 """
 
 import asyncio
@@ -33,12 +34,12 @@ _NAME_MAX: Final = 64  # characters of what a page calls itself
 
 
 def _short(error: Exception) -> str:
-    """Return what was not understood in the 123 bytes that a close frame holds."""
+    """Return the error of a message in the 123 bytes of a close frame."""
     return f"the message is not valid JSON: {error}".encode("ascii", "replace")[:100].decode()
 
 
 class Wanted(msgspec.Struct, frozen=True):
-    """A trace that a page wants: some signals over the last ``span`` s in about so many columns."""
+    """A trace that a page requests: some signals over the last ``span`` s in about this number of columns."""
 
     id: int
     signals: Annotated[list[str], msgspec.Meta(min_length=1, max_length=32)]
@@ -51,7 +52,7 @@ class _Request(msgspec.Struct, frozen=True):
 
 
 class Trace:
-    """How far one trace of one page has been sent."""
+    """The progress of sending one trace to one page."""
 
     def __init__(self, wanted: Wanted, watch: Watch) -> None:
         self.wanted = wanted

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def routes(parts: Parts) -> Sequence[Route]:
-    """Return the route of the view: the findings for a run, by default for the newest one with a model next to it."""
+    """Return the route of the view: the findings for a run, by default for the newest one with a twin."""
     return [Route("/api/twin", answered(lambda request: twin_runs(parts.out, request)))]
 
 
@@ -55,7 +55,7 @@ def twin_runs(out: Path, request: Request) -> dict[str, Any]:
 
 
 def _read(minute: LastMinute) -> dict[str, Any]:
-    """Return the last minute with its values in the units that people read, in as many decimals as their signals."""
+    """Return the last minute with its values in display units, with the decimals of their signals."""
     channels = []
     for one in minute.channels:
         signal = shown(TABLE[one.channel])

@@ -1,4 +1,4 @@
-"""Watches a rig as any client may: listens on its wires, asks for its contacts, and never becomes its commander."""
+"""Watches a rig like any other client: receives its signals, requests its contacts, and never becomes its commander."""
 
 import threading
 from collections.abc import Callable, Iterable, Mapping
@@ -34,7 +34,7 @@ from bench_records.twin import TWIN, read_twin
 
 
 class TwinReader:
-    """Reads the file of the twin of the present run, and reads it again when it has changed."""
+    """Reads the file of the twin of the present run, again after each change."""
 
     def __init__(self) -> None:
         self._read: tuple[Path, int] | None = None
@@ -88,7 +88,7 @@ _IN_STEPS: Final = (LimitKind.LOWER, LimitKind.UPPER)
 
 
 class KeyReading(msgspec.Struct, frozen=True):
-    """A key reading in the unit that people read; None where there is none."""
+    """A key reading in its display unit; None without a value."""
 
     name: str
     value: float | None
@@ -118,7 +118,7 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Watch:
-    """A rig as the panel sees it, in its own thread: the present ``status`` and the ``envelope`` of the past."""
+    """A rig as shown by the panel, in its own thread: the present ``status`` and the ``envelope`` of the past."""
 
     def __init__(self, rig: RigFile, path: Path) -> None:
         self.rig, self.path = rig, path
@@ -148,27 +148,27 @@ class Watch:
         self._thread = threading.Thread(target=self._watch, name="the panel's watch", daemon=True)
 
     def start(self) -> None:
-        """Begin to watch."""
+        """Start to watch."""
         self._thread.start()
 
     def close(self) -> None:
-        """End, and leave the wires."""
+        """Stop, and disconnect from the rig."""
         self._end.set()
         self._thread.join(_CONNECT)
 
     def present(self) -> Status:
-        """Return the status; one that is not looked after any more says so as a lost link."""
+        """Return the status. An outdated status is returned with a lost link."""
         blind = 0.0 if self._looks is None else (self.clock.now() - self._looks) / NS
         if self.status.link or blind < BLIND:
             return self.status
         return msgspec.structs.replace(self.status, link=f"the panel has not read the rig for {blind:.1f} s")
 
     def act(self, name: str) -> None:
-        """Trigger an action of the rig while no one commands it; BenchError if it refuses."""
+        """Trigger an action of the rig while it has no commander; BenchError if it refuses."""
         self._connected().settings.act(name)
 
     def go_safe(self) -> None:
-        """Order the safe position while no one commands the rig; BenchError if it refuses."""
+        """Order the safe position while the rig has no commander; BenchError if it refuses."""
         self._connected().settings.go_safe(self.clock)
 
     def glimpses(self, names: Iterable[str]) -> dict[str, float]:
@@ -185,7 +185,7 @@ class Watch:
         return {one.name: readings.sample(one.name) for one in self.shown if _comes(readings, one.name)}
 
     def write(self, values: Mapping[str, float | str]) -> None:
-        """Write settings to the rig while no one commands it; BenchError if it refuses."""
+        """Write settings to the rig while it has no commander; BenchError if it refuses."""
         self._connected().settings.write(values)
 
     def _connected(self) -> Listening:
@@ -246,7 +246,7 @@ class Watch:
             self._waiting.append((times, rows, values))
 
     def _pump(self) -> None:
-        """Sort new samples into the envelope."""
+        """Store new samples in the envelope."""
         waiting, self._waiting = self._waiting, []
         if not waiting:
             return
@@ -316,7 +316,7 @@ class Watch:
 
 
 def _lacks_stop(rig: RigFile, path: Path) -> str:
-    """Return why this rig cannot be stopped over its wires; "" if it can."""
+    """Return why this rig cannot be stopped over its buses; "" if it can."""
     try:
         wiring = wiring_of(rig, path)
     except (BenchError, RigFileError, ValueError) as error:
@@ -327,7 +327,7 @@ def _lacks_stop(rig: RigFile, path: Path) -> str:
 
 
 def valves(listening: Listening) -> dict[str, str]:
-    """Return the settings of the valves of a rig, as far as it has them."""
+    """Return the settings of the valves that the rig has."""
     has = [name for name in VALVES if name not in listening.wiring.absent]
     told = listening.settings.readings(*has) if has else {}
     return {name: _word(name, value) for name, value in told.items()}

@@ -1,8 +1,9 @@
-"""Goes through a kept run of a simulated rig once more, and on from an instant with a change: what would have been.
+"""Repeats a recorded run of a simulated rig, and continues it with a change from an instant on.
 
-A record has no states of rubber, gas, valves and controls. A simulated rig in virtual time has no chance but its seed:
-the same plan on the same rig comes to the same states, to the bit. So the run is made again from its beginning, held
-against the record up to that instant, and changed there. Its noise stays the same: what differs, the change has done.
+A record has no states of rubber, gas, valves and controls. But a simulated rig in virtual time depends only on its
+seed: the same plan on the same rig gives the same states, bit by bit. So the run is repeated from its beginning,
+compared with the record up to that instant, and changed there. Its noise stays the same, so all differences come from
+the change.
 """
 
 from functools import partial
@@ -53,7 +54,7 @@ class Changes(NamedTuple):
 
 
 class Past(NamedTuple):
-    """A kept run, the time (s) of the change, and the changes."""
+    """A recorded run, the time (s) of the change, and the changes."""
 
     record: Record
     plan: "Plan"
@@ -62,7 +63,7 @@ class Past(NamedTuple):
 
     @classmethod
     def named(cls, text: str, changes: Changes) -> "Past":
-        """Read ``RUN@TIME``. ValueError or RecordError, which states what would be right."""
+        """Read ``RUN@TIME``. Raises ValueError or RecordError with the correct form."""
         directory, mark, time = text.rpartition("@")
         if not mark:
             raise ValueError(f"--from {text}: write RUN@TIME, such as runs/aw0@70s")
@@ -115,7 +116,7 @@ class Past(NamedTuple):
     def report(self, directory: Path) -> list[str]:
         """Return a text that compares the repeated run in ``directory`` with the original one.
 
-        RecordError if it was another one before that time.
+        RecordError if they differ before the time of the change.
         """
         kept = self.record.path.parent
         found = deviating_signals(self.record, read(directory), self.at)
@@ -126,7 +127,7 @@ class Past(NamedTuple):
 
 
 def plan_of(record: Record) -> "Plan":
-    """Return the plan of a kept run with its parameters. RecordError for a run that cannot be made again."""
+    """Return the plan of a recorded run with its parameters. RecordError for a run that cannot be repeated."""
     meta = record.meta
     name = meta.get("plan", "")
     if meta.get("sealed_effects"):
@@ -145,7 +146,7 @@ def plan_of(record: Record) -> "Plan":
 def deviating_signals(before: Record, now: Record, at: float) -> list[SignalDeviation]:
     """Return the measurements of the repeated run that deviate from the record after ``at`` s, the earliest first.
 
-    RecordError if they do so earlier: then it is not the same rig.
+    RecordError if they deviate earlier, because then the rig is not the same.
     """
     found = []
     for name in sorted(set(before.signals) & set(now.signals)):

@@ -15,7 +15,7 @@ SPEED_OVER: Final = 20 * ms
 
 
 class Extreme(msgspec.Struct, frozen=True):
-    """The lowest and the highest that a reading was (SI, or SI per second for a speed), when (s), and in which step."""
+    """The lowest and highest value of a reading (SI, or SI per second for a speed), with time (s) and step."""
 
     signal: str
     unit: str  #: that people read
@@ -32,7 +32,7 @@ class Extreme(msgspec.Struct, frozen=True):
 def step_at(phases: Sequence[Phase], time: float) -> str:
     """Return the step of a run at ``time`` (s): its part, and the finest phase in it; "" outside all of them.
 
-    A sample at the very end of a step was still taken in it.
+    A sample at the very end of a step belongs to it.
     """
     inside = sorted(
         (phase for phase in phases if phase.start < time <= phase.end or phase.start == time == 0.0),
@@ -42,7 +42,7 @@ def step_at(phases: Sequence[Phase], time: float) -> str:
 
 
 def envelope(record: Record, phases: Sequence[Phase], until: float = float("inf")) -> list[Extreme]:
-    """Return the extremes of all readings of ``record`` up to ``until`` (s), and the speeds of those that are lengths.
+    """Return the extremes of all readings of ``record`` up to ``until`` (s), and of the speeds of lengths.
 
     A reading without a sample is left out.
     """

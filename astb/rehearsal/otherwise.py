@@ -18,7 +18,7 @@ _KEPT: Final = "the mass and the energy of the gas remain, so its pressure chang
 
 
 class Otherwise(NamedTuple):
-    """The parameters ``names`` of a rig that are those of ``record`` from an instant on, and that in words."""
+    """The parameters ``names`` that change to those of ``record`` at an instant, and the changes as text."""
 
     names: list[str]
     record: Any
@@ -28,9 +28,9 @@ class Otherwise(NamedTuple):
     def of(
         cls, simulation: Simulation, seed: int, effects: Mapping[str, str], changes: Mapping[str, Any]
     ) -> "Otherwise":
-        """Return what ``effects`` and ``changes``, as people write them, make of the rig of a ``simulation``.
+        """Return the changes by ``effects`` and ``changes``, given as text, to the rig of a ``simulation``.
 
-        An effect that the rig has already has its new size. ParameterError with name, value and what would be right.
+        An effect that the rig already has gets the new size. ParameterError with name, value and correct form.
         """
         before = simulated_parameters(simulation).as_built(seed).record
         other = replace(
@@ -54,7 +54,7 @@ def _shown(value: Any) -> str:
 
 
 def exact(effects: Mapping[str, Mapping[str, float]]) -> dict[str, str]:
-    """Return the effects of a record (SI) as a rig file has them, to the last bit."""
+    """Return the effects of a record (SI) in the notation of a rig file, exact to the last bit."""
     texts = {}
     for name, values in effects.items():
         amplitude, *shapes = [

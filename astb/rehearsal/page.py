@@ -128,7 +128,7 @@ def _phases(record: Record) -> Markup:
 
 
 def word(found: Rehearsal) -> str:
-    """Return in a word or two how the rehearsal ended."""
+    """Return the result of the rehearsal in one word."""
     if found.refusal:
         return "refused"
     return "blocked" if found.verdict.value == "blocked" else "clear"
@@ -182,7 +182,7 @@ def _extreme_row(one: Extreme) -> tuple[str, ...]:
 
 
 def _panels(record: Record, found: Rehearsal, span: tuple[float, float]) -> list[str]:
-    """Return a drawing for each quantity that has a limit, with its limits in it, and when the first one trips."""
+    """Return a drawing for each quantity with a limit, with its limits and the time of the first trip."""
     limited = list(dict.fromkeys(row.signal for row in found.limits))
     finest = max((phase.level for phase in record.phases), default=0)
     shaded = [phase for phase in record.phases if phase.level == finest]

@@ -45,7 +45,7 @@ _OUR_WIRES: Final = ("control.", "lease.")
 
 
 class LimitMargin(msgspec.Struct, frozen=True):
-    """How close a plan came to one limit; SI, ``judged`` and ``margin`` as the limit counts them."""
+    """How close a plan came to one limit; SI, with ``judged`` and ``margin`` in the limit's own quantity."""
 
     signal: str
     kind: str
@@ -163,7 +163,7 @@ def _conclude(
     result: Result,
     directory: Path,
 ) -> Rehearsal:
-    """Bring together what the detectors judged, what the plan concluded, and the record in ``directory``."""
+    """Return the rehearsal from the judged limits, the result of the plan, and the record in ``directory``."""
     record = read(directory)
 
     def seconds(tick: int) -> float:
@@ -192,12 +192,12 @@ def _conclude(
 
 
 def simulation_of(rig: RigFile) -> Simulation:
-    """Return the simulation of ``rig``: that of its file, or the ordinary simulation with the limits of a real rig."""
+    """Return the simulation of ``rig``: that of its file, or the default simulation with the limits of a real rig."""
     return rig.simulation or Simulation(limits=rig.limits)
 
 
 def _lacking(rig: RigFile, path: Path) -> dict[str, str]:
-    """Return what ``rig`` does not have of what plans ask, with the reasons."""
+    """Return the signals that plans use and ``rig`` does not have, with the reasons."""
     if not rig.wiring:
         return {}
     absent = wiring_of(rig, path).absent
@@ -266,7 +266,7 @@ def _margins(
 
 
 def _shown(signal: str, kind: LimitKind, value: float) -> str:
-    """Return what a limit of this kind counts, in words: a value, its rate, a time, a number."""
+    """Return the quantity of a limit of this kind as text: a value, its rate, a time, a number."""
     if kind is LimitKind.TIMEOUT:
         return f"{value * 1e3:.0f} ms"
     if kind is LimitKind.COUNT:

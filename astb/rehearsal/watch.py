@@ -19,7 +19,9 @@ _ENDS: Final = (LimitKind.LOWER, LimitKind.UPPER)
 
 
 class Closest(NamedTuple):
-    """How close a limit came to tripping; ``judged`` is compared with ``at``, both SI and as the limit counts them."""
+    """How close a limit came to tripping; ``judged`` is compared with ``at``, both SI and in the limit's own
+    quantity.
+    """
 
     judged: float  #: what stood, for as long as the limit asks, farthest out; NaN if it never did
     tick: int  #: when, in ticks of the rig
@@ -35,9 +37,9 @@ class Trip(NamedTuple):
 
 
 class LimitWatch:
-    """Stands between a rig and its clock and looks at every sample; with the first limit that ends a plan it is over.
+    """Observes every sample between a rig and its clock. It is over at the first limit that ends a plan.
 
-    What the bench does after that, when it is vented and sinks, is not the plan's.
+    Later samples, when the bench vents and sinks, are not caused by the plan.
     """
 
     def __init__(self, rig: Rig, limits: Sequence[Limit]) -> None:
@@ -59,7 +61,7 @@ class LimitWatch:
         self.over: Trip | None = None  #: the trip that ends the plan
 
     def run(self, ticks: int) -> Block:
-        """Run the rig as `Rig.run` does."""
+        """Run the rig like `Rig.run`."""
         blocks = []
         while ticks > 0:
             part = min(ticks, FAST - self._tick % FAST)
@@ -109,13 +111,15 @@ class LimitWatch:
                 self.over = self.trips[-1]
 
     def _air(self) -> npt.NDArray[np.float64]:
-        """The mass of air in each spring (kg), auxiliary chamber included: what flows within counts nothing."""
+        """Return the mass of air in each spring (kg), including its auxiliary chamber, so that internal flow does not
+        count.
+        """
         state, both = self._rig.plant.state, len(SIDES)
         bellows = state[State.BELLOWS_MASS : State.BELLOWS_MASS + both]
         return bellows + state[State.AUXILIARY_MASS : State.AUXILIARY_MASS + both]
 
     def _sum_up(self) -> None:
-        """Take over of each limit the farthest that stood for as many samples as it asks."""
+        """Store for each limit the largest value that lasted for the required number of samples."""
         rows = self._judged[: self._count]
         new = self._count - self._tail
         if new == 0:

@@ -1,4 +1,4 @@
-"""What `astb watch` shows on a terminal while a run goes on: every reading next to what the model expects of it."""
+"""The display of `astb watch` on a terminal during a run: every reading with its expected value."""
 
 from pathlib import Path
 from types import TracebackType
@@ -18,7 +18,7 @@ __all__ = ["DiagnosisError", "ParameterError", "RecordError", "Screen", "compari
 
 
 def watch_on_screen(directory: Path, model: str) -> TwinStory:
-    """Watch a run to its end as `watch` does, with all that is said of it on the terminal; return the last story."""
+    """Watch a run to its end like `watch`, with the results on the terminal; return the last story."""
     told: dict[int, int] = {}
     with Screen() as screen:
 
@@ -34,7 +34,7 @@ def watch_on_screen(directory: Path, model: str) -> TwinStory:
 
 
 def lines(deviation: Deviation, word: str) -> list[str]:
-    """Return the parts of a deviation as they are printed, after the ``word`` for what is new of it."""
+    """Return the lines for a deviation, after the ``word`` for its change."""
     head = "deviation" if word == "told" else f"deviation, {word}"
     if deviation.summary is None:
         return [f"{head}: {deviation.sentence}"]
@@ -42,7 +42,7 @@ def lines(deviation: Deviation, word: str) -> list[str]:
 
 
 class Screen:
-    """Says lines, and on a terminal shows the last block of each reading below them; nothing of that into a pipe."""
+    """Prints lines, and on a terminal shows the last block of each reading below them; through a pipe only lines."""
 
     def __init__(self) -> None:
         self._console = open_console()
@@ -59,14 +59,14 @@ class Screen:
         self._live.stop()
 
     def say(self, text: str) -> None:
-        """Print a line that stays."""
+        """Print a permanent line."""
         if self._live.is_started:
             self._console.print(text)
         else:
             click.echo(text)
 
     def show(self, story: TwinStory) -> None:
-        """Show what a story says of now."""
+        """Show the present state of a story."""
         if self._live.is_started and story.last_minute:
             self._live.update(comparison_table(story.last_minute, story), refresh=True)
 

@@ -24,10 +24,11 @@ BEGINS: Final = 30.0
 
 
 def watch(directory: Path, model: str, report: Callable[[TwinStory], None]) -> TwinStory:
-    """Watch the run in ``directory`` to its end next to a ``model``, and ``report`` after every look; return the last.
+    """Watch the run in ``directory`` to its end with a ``model``; call ``report`` after every look; return the last
+    story.
 
-    ParameterError for the model; RecordError where no run begins within `BEGINS`, or none can be read; DiagnosisError
-    where the model cannot be that of the rig.
+    Raises ParameterError for the model, RecordError if no run begins within `BEGINS` or it cannot be read, and
+    DiagnosisError if the model cannot be compared with the rig.
     """
     parameters = load(model)
     clock = RealClock()
@@ -58,7 +59,7 @@ def watch(directory: Path, model: str, report: Callable[[TwinStory], None]) -> T
 
 
 def _opened(directory: Path, clock: RealClock) -> Record:
-    """Return the record of a run that goes on, or that has ended; one that is about to begin is waited for."""
+    """Return the record of a run in progress, or of a finished one; a run that is about to begin is waited for."""
     until = clock.now() + round(BEGINS * NS)
     while clock.now() < until and not any((directory / name).exists() for name in (STREAM, PARQUET)):
         clock.sleep_until(clock.now() + round(0.1 * NS))

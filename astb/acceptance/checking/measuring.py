@@ -254,7 +254,10 @@ class Measuring:
         return STEP * (piece.instrument.resolution if piece else self._bench.table[name].step)
 
     def _ahead(self, times: Samples, values: Mapping[str, Samples]) -> None:
-        """Where the springs' force acts lengthwise: seats or actuators that are off there show in no sum of cells."""
+        """Measure the longitudinal position of the springs' force with the load cells, and record it.
+
+        Errors of seats or actuators in this direction do not appear in sums of cells.
+        """
         cells = [cell for cell in described(self._rig) if cell in values]
         if self._rig.lacks(*CELLS) or {"force upward", "pitch moment"} & set(unseen(self._rig, cells)):
             return
@@ -289,7 +292,7 @@ class Measuring:
         )
 
     def _report_undetermined(self) -> None:
-        """State which forces and moments the load cells do not report, as they stand: loads and roll are needed."""
+        """State which forces and moments the load cells do not measure; loads and roll are needed."""
         if self._rig.lacks(*CELLS):
             return
         cells = [cell for cell in described(self._rig) if self._bench.has(cell)]

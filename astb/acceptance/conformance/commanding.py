@@ -65,7 +65,7 @@ class Stream:
             self._task = None
 
     def send(self, change: Callable[[Block], None] | None = None, port: "CanPort | None" = None) -> None:
-        """Send one block, changed by ``change`` and through another ``port`` where they are given."""
+        """Send one block, changed by ``change`` if given, through ``port`` if given."""
         block = self._encoder.encode(self.values, self._rows, self._access.clock.now())
         if change:
             change(block)

@@ -61,7 +61,7 @@ def move(access: RawAccess) -> list[Notebook]:
 def way_up(
     access: RawAccess, line: ModbusConnection, stream: Stream, book: Notebook, to: str = "ACTIVE"
 ) -> bool:
-    """Lead the bench up ``to`` a state, the platform where it is; record each step; return whether all succeeded."""
+    """Lead the bench up to the state ``to``, with a fixed platform; record each step; return whether all succeeded."""
     if not access.wait_for(lambda: access.listener.state == "DISABLED", READY_WITHIN):
         book.skip(
             "the way up", f"the bench is {access.listener.state}, not DISABLED; bring it to DISABLED first"

@@ -72,7 +72,7 @@ class ModbusConnection:
         return Answer(0, reply[8:], took)
 
     def read(self, function: int, address: int, count: int) -> Answer:
-        """Read ``count`` registers or bits (functions 1 to 4); ``data`` is without the byte count."""
+        """Read ``count`` registers or bits (functions 1 to 4). ``data`` of the answer has no byte count."""
         answer = self.ask(function, struct.pack(">HH", address, count))
         return answer._replace(data=answer.data[1:])
 

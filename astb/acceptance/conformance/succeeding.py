@@ -58,7 +58,7 @@ def _settled(access: RawAccess) -> bool:
 
 
 def _arm(access: RawAccess, line: ModbusConnection, stream: Stream, book: Notebook) -> bool:
-    """Lead the bench up with control bits alone, and watch it in HOLD and in ACTIVE; return whether it got there."""
+    """Lead the bench up by control bits alone, and observe it in HOLD and ACTIVE; return whether it reached ACTIVE."""
     start, steps = access.clock.now(), Notebook(_GROUP)
     access.wait(2 * OVER)
     armed = way_up(access, line, stream, steps, "HOLD")

@@ -22,7 +22,7 @@ class LeftOut(Exception):
 
 
 def kind_of(where: str, text: str) -> tuple[str, tuple[str, str] | None]:
-    """Return type and order of its bytes, of FLOAT32 CDAB, INT32 (word swapped), or 32 bit float."""
+    """Return type and byte order of texts such as FLOAT32 CDAB, INT32 (word swapped), or 32 bit float."""
     if not text:
         return "", None
     words = re.sub(r"[-_()\[\],;]+", " ", text.lower())
@@ -115,9 +115,10 @@ def unread_scaling(names: Sequence[str], used: Sequence[int], cells: Sequence[st
 
 
 def size_units(head: str, sizes: Sequence[tuple[str, int]]) -> set[int]:
-    """Return the possible units of a size column, as number per register. ``sizes``: cells, and known registers.
+    """Return the possible units of a size column, as units per register. ``sizes`` are cells with known register
+    counts.
 
-    If a type states its size, that must agree; 0 registers are unknown.
+    A type that states its size must agree with the cell; a count of 0 is unknown.
     """
     said = {"word": 1, "regist": 1, "byte": 2, "bit": 16}
     found = {unit for word, unit in said.items() if word in head.lower()} or set(_SIZES)
@@ -151,7 +152,7 @@ def sized_type(kind: str, explicit: bool, size: str, units: set[int]) -> str:
 
 
 def null_of(text: str, kind: str) -> str:
-    """Return the raw value for a missing value, as the wiring writes it; "" for a type without numbers."""
+    """Return the raw value for a missing value, in the notation of the wiring; "" for a type without numbers."""
     if not text or text.lower() in ("nan", "-"):
         return ""
     plain = re.sub(r"^16#|(?<=[0-9a-f])h$", "", text.strip().lower())

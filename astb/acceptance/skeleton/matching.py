@@ -69,7 +69,7 @@ TOLD_BACK: Final = 0.75
 
 
 class Match(NamedTuple):
-    """The point that certainly is a signal, if there is one, and all possible points, the likeliest first."""
+    """The certain point of a signal, if there is one, and all possible points, the most likely first."""
 
     clear: DescribedPoint | None
     candidates: Sequence[tuple[float, DescribedPoint]]

@@ -1,4 +1,4 @@
-"""The points of a rig as its DBC and its list of registers name them."""
+"""The points of a rig from its DBC and its list of registers."""
 
 from __future__ import annotations
 

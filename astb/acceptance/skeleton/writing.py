@@ -146,7 +146,7 @@ def _line(row: DescribedPoint, written: Mapping[str, Match]) -> str:
 
 
 def matches(points: Sequence[DescribedPoint]) -> tuple[dict[str, Match], dict[str, Match]]:
-    """Return the match of each wanted signal, and the points that may read back each setting."""
+    """Return the match of each wanted signal, and of each setting the match for reading it back."""
     signals = [TABLE[name] for name in WANTED]
     settings = [one for one in signals if one.kind is Kind.SETTING]
     return match(signals, points), match(settings, points, read_back=True)

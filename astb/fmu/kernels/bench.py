@@ -1,4 +1,4 @@
-"""The whole bench without its measuring chain: the compiled functions inside of its FMU."""
+"""The compiled functions of the FMU of the whole bench, without its measuring chain."""
 
 from enum import IntEnum
 from typing import Any, Final
@@ -39,13 +39,13 @@ _rest_forces, _settle, _seated = (
 
 @compiled_once
 def bench_slope(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
-    """The bench's right-hand side, compiled once for all who call it."""
+    """The bench's right-hand side, compiled once for all callers."""
     evaluate(ahead, x, mem, u, par, given, dx, out)
 
 
 @compiled
 def _command(given: Any, u: Any) -> None:
-    """Write the model's inputs from those of the FMU: the set-point that the actuator's mode asks for."""
+    """Write the model's inputs from those of the FMU, with the set-point for each actuator's mode."""
     for k in range(Input.VERTICAL_LEFT_COMMAND):
         u[k] = given[k]
     for j in range(ACTUATORS):
@@ -80,8 +80,8 @@ def advance(
 ) -> None:
     """Advance by ``steps`` fixed steps of ``dt`` s, and write the outputs at their end into ``out`` (OUTPUTS).
 
-    Nothing is moved from outside: ``motion`` and ``since`` are not read. ``work`` (ROWS, STATES) is the caller's
-    working memory.
+    ``motion`` and ``since`` are not used, because nothing is moved from outside. ``work`` (ROWS, STATES) is the
+    caller's working memory.
     """
     mem, par, u = memory[0], parameters[0], work[5]
     _command(given, u)
@@ -99,8 +99,8 @@ def start(
 ) -> None:
     """Begin at rest: with ``air`` at design height under the preload, without it on the emergency springs.
 
-    With air the actuators press with what the preload is more than the bolster; without it they are off. ``x``,
-    ``memory`` and ``work`` are zero.
+    With air the actuators add the difference of preload and weight of the bolster; without air they are off. ``x``,
+    ``memory`` and ``work`` must be zero.
     """
     mem, par, u = memory[0], parameters[0], work[5]
     _command(given, u)

@@ -1,4 +1,4 @@
-"""Half a car on springs that are elsewhere: the compiled functions inside of its FMU, around the one law of the car."""
+"""The compiled functions of the FMU of half a car on external springs, with the same law as in the vehicle model."""
 
 from dataclasses import asdict
 from enum import IntEnum
@@ -67,7 +67,7 @@ def _follow_track(car: Any, motion: Any, since: float) -> None:
 
 @compiled
 def _load(car: Any, u: Any) -> None:
-    """Take over what springs and wind do to the car: the springs beyond what it weighs."""
+    """Write the forces of springs and wind on the car; the weight is subtracted from the springs' forces."""
     left, right = u[Force.VERTICAL], u[Force.VERTICAL + 1]
     car.springs[0] = u[Force.LATERAL] + u[Force.LATERAL + 1]
     car.springs[1] = left + right - car.mass * car.gravity
@@ -118,8 +118,8 @@ def advance(
 ) -> None:
     """Advance by ``steps`` fixed steps of ``dt`` s, and write the outputs at their end into ``out`` (`CarOutput`).
 
-    The track's ``motion`` was given ``since`` s before the first of them; forces are held. All that moves is in the
-    record: ``x``, ``memory`` and ``work`` are not read.
+    The track's ``motion`` was given ``since`` s before the first step; forces are held. The state is in the record:
+    ``x``, ``memory`` and ``work`` are not used.
     """
     car = parameters[0]
     _load(car, u)
@@ -131,7 +131,7 @@ def advance(
 
 
 def start(x: Any, memory: Any, u: Any, parameters: Any, motion: Any, air: float, work: Any, out: Any) -> None:
-    """Begin at rest on the track, with springs that stand as they do under its weight."""
+    """Begin at rest on the track, with springs in equilibrium with its weight."""
     car = parameters[0]
     _follow_track(car, motion, 0.0)
     _load(car, u)

@@ -1,6 +1,6 @@
-"""Both air springs with their valves, driven by how far they are stretched: the compiled functions inside of the FMU.
+"""The compiled functions of the FMU of both air springs with their valves, driven by displacements.
 
-Within a communication step the displacements go on with the speeds and accelerations that were given with them.
+Within a communication step the displacements are extrapolated with the given speeds and accelerations.
 """
 
 from enum import IntEnum
@@ -22,7 +22,7 @@ WAYS: Final = 3
 
 @compiled
 def gone_on(motion: Any, place: int, rate: int, since: float) -> float:
-    """One displacement of a ``motion`` that was given ``since`` s ago or, where ``rate`` is 1, its speed."""
+    """Return one displacement of a ``motion`` given ``since`` s ago; with ``rate`` 1 its speed."""
     speed, acceleration = motion[place + WAYS], motion[place + 2 * WAYS]
     if rate == 1:
         return speed + since * acceleration
@@ -49,10 +49,10 @@ OUTPUTS: Final = ALGEBRAICS + 5
 
 @compiled
 def stretch_springs(since: float, motion: Any, x: Any, par: Any) -> None:
-    """Put the plates where the springs are as long as ``motion`` has them, ``since`` s after it was given.
+    """Move the plates so that the springs have the lengths of ``motion``, ``since`` s after it was given.
 
-    ``motion`` holds ζ left, ζ right, y, their speeds and their accelerations. The platform stays where it is: the laws
-    see differences.
+    ``motion`` holds ζ left, ζ right, y, their speeds and their accelerations. The platform does not move, because the
+    laws depend on differences only.
     """
     for k in range(2):
         left = gone_on(motion, 0, k, since)
@@ -65,7 +65,7 @@ def stretch_springs(since: float, motion: Any, x: Any, par: Any) -> None:
 
 @compiled_once
 def driven_springs(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
-    """The right-hand side (`bench_sim.model.runge_kutta`); ``given`` is how old the motion is, and the motion."""
+    """The right-hand side (`bench_sim.model.runge_kutta`); ``given`` is the age of the motion, and the motion."""
     since, motion = given
     stretch_springs(since + ahead, motion, x, par)
     air_spring(mem.time + ahead, x, mem, u, par, dx, out)
@@ -83,7 +83,7 @@ def write_gauge(x: Any, par: Any, out: Any) -> None:
 
 @compiled
 def supply_open(u: Any, par: Any) -> float:
-    """The absolute pressure behind the main valve when a simulation begins, Pa."""
+    """Return the absolute pressure (Pa) behind the main valve at the start of a simulation."""
     supply = par.sawtooth_high if par.supply_sawtooth > 0.0 else par.supply_pressure
     return u[Input.SUPPLY] * supply + par.atmospheric_pressure
 
@@ -92,8 +92,8 @@ def supply_open(u: Any, par: Any) -> float:
 def _jump(x: Any, mem: Any, u: Any, par: Any, given: Any, work: Any, out: Any) -> None:
     """Apply the work of a jump to the gas: from the end of the last motion (``out``) to the start of the new one.
 
-    There is no time for flow or heat: U V^(γ−1) stays as it is. Otherwise the gas would expand into nothing, and what
-    is moved by jumps alone would find it 1/γ as stiff.
+    A jump takes no time, so there is no flow or heat: U V^(γ−1) is constant. Otherwise the gas would expand without
+    work, and motion by jumps alone would have 1/γ of the stiffness.
     """
     begun = work[5]
     for i in range(SIDES):
@@ -135,10 +135,10 @@ def advance(
 
 
 def start(x: Any, memory: Any, u: Any, parameters: Any, motion: Any, air: float, work: Any, out: Any) -> None:
-    """Begin at rest where ``motion`` has the springs, with the pressure that carries their preload at design height.
+    """Begin at rest at the displacements of ``motion``, with the pressure that carries the preload at design height.
 
-    ``air`` is the share of that pressure: with 0 chambers hold air of the atmosphere. ``x``, ``memory`` and ``work``
-    are zero.
+    ``air`` is the share of that pressure; with 0 the chambers have atmospheric pressure. ``x``, ``memory`` and ``work``
+    must be zero.
     """
     mem, par = memory[0], parameters[0]
     T = settled_temperature(par)

@@ -1,4 +1,4 @@
-"""Which FMUs there are, made of parameter sets by their names."""
+"""The available FMUs, made from parameter sets by their names."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from bench_sim.parameters.vehicle import load_vehicle
 def unit_of(
     kind: str, model: str | Path = "astb", load_case: str | None = None, vehicle: str | Path = "vehicle"
 ) -> Unit:
-    """Return the ``spring``, the ``bench`` or the ``car`` of these sets; `ParameterError` where one does not fit."""
+    """Return the ``spring``, the ``bench`` or the ``car`` of these sets; `ParameterError` if one does not fit."""
     parameters = load(model, load_case)
     if kind == "car":
         return car(parameters, load_vehicle(vehicle))

@@ -1,4 +1,4 @@
-"""The whole bench as an FMU: springs, bolster, actuators and platform, without wires and measuring chain."""
+"""The whole bench as an FMU: springs, bolster, actuators and platform, without buses and measuring chain."""
 
 import re
 from collections.abc import Iterator
@@ -89,7 +89,7 @@ def _setpoint(name: str, place: int, begins: float) -> Variable:
 
 
 def structured(name: str) -> str:
-    """Return the name of a signal as FMI's structured names have it: ``load_cell.1`` is ``load_cell[1]``."""
+    """Return the name of a signal in FMI's structured form: ``load_cell.1`` is ``load_cell[1]``."""
     return re.sub(r"\.(\d+)$", r"[\1]", name)
 
 

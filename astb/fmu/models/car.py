@@ -1,4 +1,4 @@
-"""Half a car as an FMU: it is on springs that another FMU computes, on a track and in a wind."""
+"""Half a car as an FMU: it stands on springs of another FMU, on a track and in wind."""
 
 from collections.abc import Iterator
 from math import inf
@@ -62,7 +62,7 @@ _PLACE: Final = (
 
 
 def car(parameters: Parameters, vehicle: VehicleParameters) -> Unit:
-    """Return half the ``vehicle``, as heavy as springs with these ``parameters`` carry."""
+    """Return half the ``vehicle``, with the weight that springs with these ``parameters`` carry."""
     record = np.zeros(1, CAR)
     for one in _OWN:
         record[one.name][0] = vehicle.record[one.name]

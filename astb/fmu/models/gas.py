@@ -1,4 +1,4 @@
-"""What FMUs with air springs inside have in common: their parameters as numbers, and where C finds what it checks."""
+"""Common parts of FMUs with air springs: their parameters as numbers, and the places that the C code checks."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -22,12 +22,12 @@ ORDERS: Final = (
 
 
 def defaults_of(parameters: Parameters) -> NDArray[np.float64]:
-    """Return all parameters as numbers, one behind the other."""
+    """Return all parameters as one array of numbers."""
     return np.frombuffer(np.asarray(parameters.record).tobytes(), dtype=np.float64)
 
 
 def places_of(*, shims: bool) -> Mapping[str, int]:
-    """Return the places that ``gas.c`` reads; with ``shims`` the preload can be changed while it runs."""
+    """Return the places that ``gas.c`` reads; with ``shims`` the preload can change during a simulation."""
     return {
         "ATMOSPHERE": offset(PARAMETERS, "atmospheric_pressure") // 8,
         "MEMBRANE": offset(PARAMETERS, "membrane_length") // 8,

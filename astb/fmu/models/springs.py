@@ -119,7 +119,7 @@ def springs(parameters: Parameters) -> Unit:
 
 
 def description_of(name: str, text: str = "") -> str:
-    """Return ``text``, or what the table of signals says."""
+    """Return ``text``, or the description of the signal table."""
     return text or TABLE[name].description
 
 
@@ -131,13 +131,13 @@ def _motions() -> Iterator[Variable]:
 
 
 def valves() -> Iterator[Variable]:
-    """Yield what feeds the springs and joins their chambers."""
+    """Yield the inputs for supply and valves."""
     for name, number, begins, low, text in VALVES:
         yield Variable(name, "1", Kind.INPUT, int(number), description_of(name, text), begins, low, 1.0)
 
 
 def of_sides(rows: tuple[tuple[str, str, int, str], ...]) -> Iterator[Variable]:
-    """Yield outputs that both springs have."""
+    """Yield the outputs of both springs."""
     for name, unit, first, text in rows:
         for side, word in enumerate(SIDES):
             full = f"{word}.{name}"
@@ -145,7 +145,7 @@ def of_sides(rows: tuple[tuple[str, str, int, str], ...]) -> Iterator[Variable]:
 
 
 def dpv_flow() -> Variable:
-    """Return what flows from spring to spring."""
+    """Return the output for the flow between the springs."""
     return Variable("springs.dpv_flow", "kg/s", Kind.OUTPUT, Algebraic.DPV_FLOW, "From left to right")
 
 
