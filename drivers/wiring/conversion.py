@@ -23,10 +23,10 @@ Number = int | float
 class Calibration(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """The key ``calibration`` of a signal: a straight line, or a table between whose rows lines are drawn."""
 
-    gain: Number | str = 1.0  #: a number, or "9.80665 N/kg" where it makes another quantity of it
-    offset: Number | str = 0.0  #: added after the gain: a number of the unit, or "0.01 bar"
-    table: list[tuple[Number, Number]] = []  #: [the rig's number, what it means], rising; instead of both
-    unit: str = ""  #: of what the table says, if it is not that of the signal
+    gain: Number | str = 1.0  #: a number, or "9.80665 N/kg" to convert into another quantity
+    offset: Number | str = 0.0  #: added after the gain: a number in the unit, or "0.01 bar"
+    table: list[tuple[Number, Number]] = []  #: rows [rig's number, value], rising; replaces gain and offset
+    unit: str = ""  #: unit of the values in the table, if it is not that of the signal
 
 
 class Conversion(Protocol):

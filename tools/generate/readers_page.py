@@ -15,11 +15,11 @@ _HEAD: Final = """\
 
 # File readers: accepted, refused and skipped content
 
-This page lists the forms of files that `astb import` and maps accept. Each row has a test.
+This page lists the forms of files that `astb import` and maps accept or refuse. Each row has a test.
 
-* *read*: all values are read; notable assumptions are reported.
-* *left out*: the values are read, and the skipped content is counted and reported.
-* *refused*: nothing is read; the message has the file, the place and a correct form.
+* *read*: all values are read.
+* *left out*: the values are read; this content is skipped, counted and reported.
+* *refused*: nothing is read; the message names the file, the place and a correct form.
 """
 
 
@@ -62,7 +62,7 @@ def readers_page() -> str:
         if found.intro:
             print(f"{found.intro.strip()}\n", file=out)
         for reader in dict.fromkeys(one.reader for one in found.forms):
-            print(f"### {reader}\n\n| form | | |\n|---|---|---|", file=out)
+            print(f"### {reader}\n\n| form | result | note |\n|---|---|---|", file=out)
             for one in found.forms:
                 if one.reader == reader:
                     print(f"| {one.form} | {one.outcome} | {one.says} |", file=out)

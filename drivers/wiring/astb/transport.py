@@ -7,7 +7,7 @@ it represents every signal that no line is for::
     kind = "astb"
     can = { bus = "tcp", host = "127.0.0.1", port = 29536 }     # bus: auto, tcp, or a SocketCAN interface
     modbus = { host = "127.0.0.1", port = 15020, unit = 1 }
-    commands = true               # false: only listens, and never becomes the rig's commander
+    commands = true               # false: only listens, and never commands the rig
 """
 
 from __future__ import annotations

@@ -5,26 +5,26 @@
     [transports.bus]
     kind = "can"
     bus = "can0"                  # auto | tcp (a socketcand server at host, port) | an interface
-    # or any bus of python-can's: interface = "slcan", channel = "/dev/ttyACM0", options = { bitrate = 500000 }
-    dbc = "plant_b.dbc"           # or any other file that cantools reads; without one, ids and bits below
-    charset = "cp1250"            # of the DBC; without it UTF-8 if all of it is, else cp1252; optional
-    fd = false                    # true: with CAN FD, messages of up to 64 bytes
-    bitrate_switch = false        # true: the data of our CAN FD frames are sent at the fast rate
-    j1939 = true                  # all with 29 bits are known by their group; without it as the DBC says; optional
-    node = "BENCH"                # our name in the DBC: only its messages can be written; optional
-    stale = "100 ms"              # per page; without it three times the cycle time in the DBC, and at least 100 ms
-    burst = "5 ms"                # frames within this time after the first one get its time; optional
-    burst_begins = "Heights"      # the first message of a burst; without it, the next frame after a burst begins one
+    # or a bus of python-can: interface = "slcan", channel = "/dev/ttyACM0", options = { bitrate = 500000 }
+    dbc = "plant_b.dbc"           # or another file that cantools reads; without it, ids and bits as below
+    charset = "cp1250"            # of the DBC; default: UTF-8 if the whole file is, or else cp1252
+    fd = false                    # true: CAN FD, messages of up to 64 bytes
+    bitrate_switch = false        # true: we send the data of CAN FD frames at the fast rate
+    j1939 = true                  # identify messages with 29 bits by their group; default: as in the DBC
+    node = "BENCH"                # our node in the DBC: only its messages can be written; optional
+    stale = "100 ms"              # per page; default: three times the cycle time in the DBC, at least 100 ms
+    burst = "5 ms"                # frames within this time after the first one get its time stamp; optional
+    burst_begins = "Heights"      # first message of a burst; default: the next frame after a burst
     answers = true                # false for a rig that sends nothing by itself
 
     [transports.bus.messages.Setpoints]
-    every = "10 ms"               # sent at this rate once all its signals have a value; without it when written
-    counter = "Alive"             # counts from 0, up to what its bits carry or to counter_period
+    every = "10 ms"               # period, once all its signals have a value; default: sent when written
+    counter = "Alive"             # from 0 to the maximum of its bits, or to counter_period
     checksum = { signal = "Crc", scheme = "xor8", start = 0xA5, identifier = true }  # | sum8 | e2e_p1 | function:NAME
-    values = { Reserved = 0 }     # of signals that no one writes
-    source = 0x27                 # J1939: the address that sends it, ours where we do
+    values = { Reserved = 0 }     # of signals that nothing else writes
+    source = 0x27                 # J1939: address of the sender, or ours if we send
 
-    [transports.bus.messages."*"] # the same for all messages that have such signals and no such keys
+    [transports.bus.messages."*"] # default for all messages with such signals
     counter = "Alive"
     checksum = { signal = "Crc", scheme = "sum8" }
 
@@ -34,8 +34,8 @@
 
     [transports.bus.points]
     "Cells.Cell1" = { start = 7, length = 16, byte_order = "big", signed = true, scale = 0.5, null = -32768 }
-    "Heights.Left" = { null = [65534, 65535] }     # with one: raw values without a measurement; those it names
-                                                   # so ("SNA", "Fehler") where nothing is said
+    "Heights.Left" = { null = [65534, 65535] }     # with a DBC: raw values without a measurement; default: values
+                                                   # that the DBC names so ("SNA", "Fehler")
 
 Counters and checksums are filled in when a message is sent and checked when it is received. Frames with errors are
 counted (``counts``) and discarded. If a frame is shorter than described, the signals that fit are read. With J1939

@@ -7,21 +7,21 @@
     host = "127.0.0.1"
     port = 502                    # 1 to 65535
     unit = 1                      # 0 to 255
-    word_order = "high"           # of 32 and 64 bits: the high word first, or the "low" one
-    byte_order = "big"            # of each register; "little" for devices with swapped bytes
-    timeout = "500 ms"            # for the connection and for each answer: more for a slow device
-    patience = "1 s"              # of silence, until the connection is lost; and with a device that is busy
-    stream = "50 ms"              # how often points that are streamed are written
-    alive = { point = "heartbeat", every = "100 ms" }   # counts up, or a bit toggles, while a user commands
+    word_order = "high"           # of 32 and 64 bits: "high" or "low" word first
+    byte_order = "big"            # of each register; "little" for swapped bytes
+    timeout = "500 ms"            # for the connection and for each answer
+    patience = "1 s"              # silence or busy answers after which the connection counts as lost
+    stream = "50 ms"              # period of set-points
+    alive = { point = "heartbeat", every = "100 ms" }   # a counter, or a bit that toggles, while a user commands
     # For devices that support only a part of the specification:
     writes = "any"                # "single": functions 5 and 6 only; "multiple": 15 and 16 only; "any": detected
-                              # "parts": 5 and 6, and numbers of several registers one register after the other
-                              # "combined": registers by function 23, which reads and writes
-    request_max = 125             # registers, and 16 times as many bits, that one request may have
-    connection = "kept"           # "each": one for each request; "shared": with other transports to the same place
+                              # "parts": 5 and 6, also one after the other for numbers of several registers
+                              # "combined": registers by function 23
+    request_max = 125             # most registers of a request; for bits 16 times as many
+    connection = "kept"           # "each": one for each request; "shared": with other transports to this address
     echo = true                   # false: accept answers with another unit or transaction number
 
-    [transports.drive]            # on a serial line, which all transports that name it share
+    [transports.drive]            # on a serial line; several transports may share it
     kind = "modbus_rtu"
     line = "/dev/ttyUSB0"         # or host and port: frames of a serial line over TCP
     baudrate = 19200
@@ -32,16 +32,16 @@
 
     [transports.plc.groups.fast]
     every = "50 ms"
-    stale = "200 ms"              # three periods, and at least 200 ms, where nothing is said
-    gap = 0                       # registers without a point that may be read along to save a request
+    stale = "200 ms"              # default: three periods, at least 200 ms
+    gap = 0                       # most unused registers between points that one request may read
 
     [transports.plc.points]
-    # table: input, holding, coil, discrete; type: int16, uint16 (where nothing is said), int32, uint32, int64, uint64,
-    # float32, float64, string; number = scale · register value + offset; null: register value without a measurement
+    # table: input, holding, coil, discrete; type: int16, uint16 (default), int32, uint32, int64, uint64, float32,
+    # float64, string; number = scale · register value + offset; null: register value without a measurement
     left_height = { table = "input", address = 100, type = "int16", scale = 0.01, null = -32768, group = "fast" }
     mode        = { table = "holding", address = 0 }
     ready       = { table = "input", address = 5, bit = 3 }
-    phase       = { table = "input", address = 5, bit = 4, bits = 3 }   # a number of bits 4 to 6
+    phase       = { table = "input", address = 5, bit = 4, bits = 3 }   # the number in bits 4 to 6
     valve_open  = { table = "coil", address = 3 }
     serial      = { table = "input", address = 900, type = "string", length = 8 }
 

@@ -5,18 +5,18 @@
     [transports.cell]
     kind = "opcua"                                  # needs asyncua: pip install "asyncua>=2.1,<3"
     url = "opc.tcp://127.0.0.1:4840/rig"
-    every = "50 ms"                                 # how often the server samples and new values are passed on
-    stale = "300 ms"                                # three periods, and at least 300 ms, where nothing is said
+    every = "50 ms"                                 # period of sampling and of notifications
+    stale = "300 ms"                                # default: three periods, at least 300 ms
     timeout = "1 s"                                 # for each answer
     patience = "2 s"                                # silence after which the connection counts as lost
     user = "bench"                                  # and password; optional
-    alive = { point = "heartbeat", every = "100 ms" }   # counts up, or a bit toggles, while a user commands
+    alive = { point = "heartbeat", every = "100 ms" }   # a counter, or a bit that toggles, while a user commands
 
     [transports.cell.points]
     height = { node = "ns=2;s=Left.Height", scale = 0.001 }     # number = scale · server value + offset
     target = { node = "ns=2;i=1012" }
-    cell_3 = { node = "nsu=urn:plant:cells;s=Loads", index = 2 }    # an element of an array; a namespace by its name
-    serial = { node = "ns=2;s=Serial", subscribe = false }      # read when asked; text(name) reads a text
+    cell_3 = { node = "nsu=urn:plant:cells;s=Loads", index = 2 }    # element of an array; namespace by name
+    serial = { node = "ns=2;s=Serial", subscribe = false }      # read on request; text(name) reads a text
 
 Errors in the description (no such node, a text, an array without its index) are reported on connecting. An element is
 written with the others of its array as the server has them then. A server reports only what changes. Each of its
