@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from functools import cache
 from pathlib import Path
@@ -9,8 +10,10 @@ from typing import Any, Final, NamedTuple
 
 from markupsafe import Markup
 
-#: Of a column: left-aligned text (""), numbers, the main number, a unit.
-NUMBER, VALUE, UNIT = "n", "n value", "u"
+from bench_records.typography import significant
+
+#: The class of a column of numbers; that of the main numbers is "n value", of units and notes "u", of texts "".
+NUMBER: Final = "n"
 
 _PAGE: Final = Markup("""\
 <!doctype html>
@@ -71,19 +74,14 @@ class Document(NamedTuple):
     sections: Sequence[Markup]
     heading: str = ""  #: the title where it is empty
     circumstances: Sequence[str] = ()
-    banner: Banner | None = None
+    banner: Banner | Markup | None = None
     facts: Iterable[tuple[str, Any]] = ()
     style: str = ""
 
     def html(self) -> str:
         """Return the page."""
         marks = joined(element("span", one) for one in self.circumstances)
-        facts = joined(Markup("<div><dt>{}</dt><dd>{}</dd></div>").format(*fact) for fact in self.facts)
-        head = [
-            element("p", marks, "circumstances") if marks else "",
-            self.banner or "",
-            element("dl", facts, "key") if facts else "",
-        ]
+        head = [paragraph(marks, "circumstances"), self.banner or "", key_facts(self.facts)]
         return _PAGE.format(
             title=self.title,
             kind=self.kind,
@@ -106,45 +104,74 @@ def element(name: str, content: Any, kind: str = "", **attributes: str) -> Marku
     return Markup("<{0}{1}>{2}</{0}>").format(name, told, content)
 
 
+def key_facts(facts: Iterable[tuple[str, Any]]) -> Markup:
+    """Return names with their values side by side; empty without any."""
+    told = joined(Markup("<div><dt>{}</dt><dd>{}</dd></div>").format(*fact) for fact in facts)
+    return element("dl", told, "key") + "\n" if told else told
+
+
 def section(heading: str, *parts: Any, anchor: str = "") -> Markup:
-    """Return a section of a page."""
-    return element("section", joined(["\n", element("h2", heading), "\n", *parts]), id=anchor) + "\n"
+    """Return a section of a page; a part that is text becomes a paragraph."""
+    told = (one if isinstance(one, Markup) else paragraph(one) for one in parts)
+    return element("section", joined(["\n", element("h2", heading), "\n", *told]), id=anchor) + "\n"
 
 
-def paragraph(text: Any) -> Markup:
-    """Return a paragraph."""
-    return element("p", text) + "\n"
+def subheading(text: str) -> Markup:
+    """Return a heading within a section."""
+    return element("h3", text, "sub") + "\n"
+
+
+def paragraph(text: Any, kind: str = "") -> Markup:
+    """Return a paragraph; empty without a text."""
+    return element("p", text, kind) + "\n" if text else Markup()
 
 
 def caption(text: str) -> Markup:
-    """Return a note under a table or a drawing."""
-    return element("p", text, "caption") + "\n"
+    """Return a note under a table or a drawing; empty without a text."""
+    return paragraph(text, "caption")
 
 
-def bullets(texts: Iterable[Any]) -> Markup:
-    """Return a list."""
-    return element("ul", joined(element("li", one) for one in texts)) + "\n"
+def bullets(texts: Iterable[Any], kind: str = "") -> Markup:
+    """Return a list; empty without texts."""
+    told = joined(element("li", one) for one in texts)
+    return element("ul", told, kind) + "\n" if told else told
 
 
 def drawing(svg: str) -> Markup:
-    """Return a drawing (SVG), which scrolls on a narrow screen."""
-    return element("div", Markup(svg), "wide", tabindex="0") + "\n"
+    """Return a drawing (SVG), which scrolls on a narrow screen; empty without one."""
+    return element("div", Markup(svg), "wide", tabindex="0") + "\n" if svg else Markup()
+
+
+def figure(svg: str) -> Markup:
+    """Return a drawing (SVG) as a figure; empty without one."""
+    return element("figure", Markup(svg)) if svg else Markup()
 
 
 def pairs(drawings: Iterable[str]) -> Markup:
-    """Return drawings (SVG) of half the width of the page."""
-    return element("div", joined(element("figure", Markup(one)) for one in drawings), "pair") + "\n"
+    """Return drawings (SVG) of half the width of the page; empty without any."""
+    told = joined(map(figure, drawings))
+    return element("div", told, "pair") + "\n" if told else told
 
 
-def table(columns: Iterable[str | Cell], rows: Iterable[TableRow | Sequence[Any]], kind: str = "") -> Markup:
-    """Return a table; the class of a column holds for its cells."""
+def table(
+    columns: str | Iterable[str | Cell], rows: Iterable[TableRow | Sequence[Any]], kind: str = ""
+) -> Markup:
+    """Return a table, empty without rows; the class of a column holds for its cells.
+
+    ``columns`` may be one text, such as "channel | noise :n | :u": heads, each with its class behind a colon.
+    A float has three digits, and None is a dash.
+    """
+    if isinstance(columns, str):
+        parts = (one.partition(":") for one in columns.split("|"))
+        columns = [Cell(name.strip(), form.strip()) for name, _, form in parts]
     heads = [one if isinstance(one, Cell) else Cell(one) for one in columns]
-    top = element("tr", joined(element("th", one.text, one.kind.split(" ")[0]) for one in heads))
+    top = element("tr", joined(element("th", one.text, one.kind) for one in heads))
     lines = (one if isinstance(one, TableRow) else TableRow(one) for one in rows)
     body = joined(
         (element("tr", joined(map(_cell, line.cells, heads)), line.tone) + "\n" for line in lines),
     )
-    return element("table", element("thead", top) + "\n" + element("tbody", body), kind, tabindex="0") + "\n"
+    told = element("thead", top) + "\n" + element("tbody", body)
+    return element("table", told, kind, tabindex="0") + "\n" if body else body
 
 
 def facts_table(facts: Iterable[tuple[Any, Any]]) -> Markup:
@@ -156,6 +183,8 @@ def facts_table(facts: Iterable[tuple[Any, Any]]) -> Markup:
 def _cell(told: Any, head: Cell) -> Markup:
     if isinstance(told, Cell):
         return element("td", told.text, told.kind, title=told.hint)
+    if told is None or isinstance(told, float):
+        told = significant(math.nan if told is None else told, 3)
     return element("td", told, head.kind)
 
 

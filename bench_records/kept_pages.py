@@ -11,8 +11,6 @@ from markupsafe import Markup
 
 from bench_records.disk import kept
 from bench_records.document import (
-    NUMBER,
-    Cell,
     Document,
     TableRow,
     caption,
@@ -67,14 +65,14 @@ def write_comparison(comparison: Comparison, path: Path) -> None:
     sections = [
         section(
             "Differences of the conditions",
-            table(("condition", "A", "B"), facts)
+            table("condition | A | B", facts)
             if facts
             else paragraph("None in the records: same plan, parameters, specimen, rig and software."),
         ),
         section(
             "Results",
             table(
-                ("phase", "check", *(Cell(one, NUMBER) for one in ("A", "B", "B − A", "± U")), "remark"),
+                "phase | check | A :n | B :n | B − A :n | ± U :n | remark",
                 [TableRow(row[:-1], row.tone) for row in rows],
             ),
             caption(
@@ -226,16 +224,7 @@ def _trend_part(place: int, trend: Trend) -> Part:
         )
         for one in trend.checks
     ]
-    heads = (
-        "when (UTC)",
-        "run",
-        "plan",
-        "phase",
-        "rig",
-        Cell("value", NUMBER),
-        Cell("± U", NUMBER),
-        "verdict",
-    )
+    heads = "when (UTC) | run | plan | phase | rig | value :n | ± U :n | verdict"
     picture = drawing(_over_time(trend, f"trend{place}"))
     shown = section(name, *map(paragraph, words), picture, table(heads, rows), anchor=f"trend{place}")
     return Part(name, words, shown)

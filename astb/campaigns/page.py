@@ -28,8 +28,6 @@ from bench_records.check_table import SIGNS
 from bench_records.disk import kept
 from bench_records.document import (
     NUMBER,
-    UNIT,
-    VALUE,
     Cell,
     Document,
     TableRow,
@@ -128,7 +126,6 @@ def _plan_section(one: PlanTable) -> Markup:
 
 
 def _spread_section(spreads: Sequence[Spread]) -> Markup:
-    numbers = (Cell("failed", NUMBER), Cell("mean", VALUE), Cell("scatter", NUMBER), Cell("", UNIT))
     rows = [
         TableRow(
             (
@@ -145,7 +142,7 @@ def _spread_section(spreads: Sequence[Spread]) -> Markup:
         )
         for one in spreads
     ]
-    heads = ("plan", "case", "check", *numbers, "every value over the permitted band")
+    heads = "plan | case | check | failed :n | mean :n value | scatter :n | :u | every value over the permitted band"
     return section(
         "Distributions, most frequent failures first",
         element("div", table(heads, rows), "wide", tabindex="0"),

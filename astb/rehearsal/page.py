@@ -13,9 +13,6 @@ from astb.rehearsal.rehearsing import LimitMargin, Rehearsal
 from bench_protocol.units import litre
 from bench_records.disk import kept
 from bench_records.document import (
-    NUMBER,
-    UNIT,
-    VALUE,
     Banner,
     Cell,
     Document,
@@ -106,13 +103,12 @@ def _limits(found: Rehearsal) -> Markup:
         note += " Readings after the end of the plan do not count."
     if silent:
         note += f" {silent} limits on missing readings reached less than a tenth."
-    numbers = (Cell("began at", NUMBER), Cell("closest", VALUE), Cell("limit", NUMBER))
-    heads = ("limit of", *numbers, "of the way", "where", "action", "source")
+    heads = "limit of | began at :n | closest :n value | limit :n | of the way | where | action | source"
     return section("Limits, the closest first", table(heads, map(_limit_row, rows)), caption(note))
 
 
 def _envelope(extremes: Sequence[Extreme]) -> Markup:
-    heads = ("reading", Cell("lowest", VALUE), "in", Cell("highest", VALUE), "in", Cell("", UNIT))
+    heads = "reading | lowest :n value | in | highest :n value | in | :u"
     note = "As the transducers would read, noise included; speeds are differences over 20 ms."
     return section("Extremes of the readings", table(heads, map(_extreme_row, extremes)), caption(note))
 

@@ -2,13 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import starmap
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from markupsafe import Markup, escape
+
+from bench_records.document import (
+    Banner,
+    Document,
+    bullets,
+    caption,
+    drawing,
+    element,
+    facts_table,
+    figure,
+    joined,
+    key_facts,
+    pairs,
+    paragraph,
+    section,
+    subheading,
+    table,
+)
 from bench_records.twin import PARTS
 from bench_records.typography import primed
-from diagnosis.finding import Estimate, Finding, PanelRow, Shift, Trace, Verdict
+from diagnosis.contracts import DataQuality
+from diagnosis.finding import (
+    Cause,
+    CheckPrediction,
+    Estimate,
+    Finding,
+    Gain,
+    Imitation,
+    PanelRow,
+    Rival,
+    Shift,
+    Suspect,
+    Unknown,
+    Unseen,
+    Verdict,
+)
 from diagnosis.report import drawings
 from diagnosis.report.words import chance, gained, pair, percent, percents, prose, shown, typeset, unit
 
@@ -34,12 +69,28 @@ HEADLINES: Final = {
 }
 
 
-class Curves(NamedTuple):
-    """The two drawings of one channel of a report run."""
-
-    trace: Trace
-    detail: str
-    errors: str
+_STYLE: Final = """\
+.banner.calm { --tone: var(--pass); } .banner.found { --tone: var(--found); }
+.banner.open { --tone: var(--marginal); } .banner.alarm { --tone: var(--fail); }
+.banner .word { font-size: 1.25rem; letter-spacing: .06em; max-width: 15rem; line-height: 1.2; }
+.cause { border-left: 4px solid var(--found); padding: .15rem 0 .2rem 1.1rem; margin: 0 0 1.5rem; break-inside: avoid; }
+.cause.rival { border-color: #b87a00; } .cause table { max-width: 38rem; margin: .4rem 0 .5rem; }
+.cause small { font: 400 .8rem/1.3 "Helvetica Neue", Helvetica, "Liberation Sans", sans-serif; color: var(--soft); }
+.equation { font: italic 1.06rem/1.5 "STIX Two Text", "Cambria Math", Charter, Georgia, serif; margin: .2rem 0 .3rem; }
+.source { color: var(--soft); font-size: .84rem; }
+.share { background: var(--part); height: .72em; display: inline-block; min-width: 1px; vertical-align: middle; }
+h3.sub { margin: 1.5rem 0 .5rem; } .bars { width: 30%; } * + .pair { margin-top: 1rem; }
+dl.first > div { display: grid; grid-template-columns: 8.5rem 1fr; gap: 0 .8rem; margin-bottom: .3rem; }
+dl.first, dl.first dd { margin: 0; } dl.first dt { color: var(--soft); }
+@media (max-width: 40rem) { dl.first > div { grid-template-columns: 1fr; } }
+.statistics { font-size: 1.5rem; margin: 2.4rem 0 .6rem; }
+ul.told { max-width: 54rem; } ul.told li { margin-bottom: .18rem; }
+"""
+_DOUBTFUL: Final = Markup("<b>Doubtful:</b> ")
+_COVERED: Final = (
+    "Fewer than expected: the errors are larger than the noise. More than expected: the noise was estimated too "
+    "large."
+)
 
 
 class RunOfInvestigation(NamedTuple):
@@ -81,97 +132,373 @@ def first_screen(finding: Finding) -> list[tuple[str, str]]:
 
 def render(finding: Finding, history: InvestigationHistory | None = None) -> str:
     """Return the page of a finding."""
-    parts = _summary(finding) | _causes(finding) | _residual(finding) | _what_is_possible(finding)
-    formats = {
-        "interval": interval,
-        "shown": shown,
-        "prose": prose,
-        "typeset": typeset,
-        "unit": unit,
-        "primes": primed,
-        "pair": pair,
-        "percent": percent,
-        "percents": percents,
-        "chance": chance,
-        "gained": gained,
+    simulator = finding.provenance.simulator
+    lines = (element("dt", label) + element("dd", prose(text)) for label, text in first_screen(finding))
+    shows_proof = finding.models.effects and finding.traces and not finding.suspected
+    head = (
+        bullets((_DOUBTFUL + prose(one) for one in finding.doubts), "told doubtful"),
+        bullets(map(prose, finding.readings), "told"),
+        Banner(
+            "suspected" if finding.suspected else finding.verdict.value,
+            element("dl", joined(element("div", one) for one in lines), "first"),
+            tone="open" if finding.suspected else TONES[finding.verdict],
+        ),
+        figure(drawings.trace_errors("proof", finding.traces[0]) if shows_proof else ""),
+    )
+    return Document(
+        f"{finding.verdict.value} – diagnosis of {simulator}",
+        f"Diagnosis\u2002·\u2002{simulator}",
+        [*_conclusions(finding, history), *_statistics(finding), *_tests(finding), *_limits(finding)],
+        heading=headline(finding),
+        banner=joined(head),
+        style=_STYLE,
+    ).html()
+
+
+def _conclusions(finding: Finding, history: InvestigationHistory | None) -> Iterator[Markup]:
+    """Yield doubts on the data, the causes and their rivals, the history, terms without a name, and the gain."""
+    if finding.quality:
+        heads = "file | column | check | found | count | first | consequence"
+        yield section("Data quality", table(heads, map(_quality_row, finding.quality)))
+    if finding.causes:
+        others = "Other causes that explain these runs equally well"
+        yield section(
+            "The causes" if finding.causes[1:] else "The cause",
+            *map(_cause, finding.causes),
+            subheading(others) if finding.ambiguous_with else "",
+            *(_candidate(one, f", instead of {one.instead_of}") for one in finding.ambiguous_with),
+        )
+    if finding.suspects:
+        yield section(
+            "Where to look first",
+            "None of these candidates passes every test. If the structure of the model has an error, this list can "
+            "show effects that the rig does not have.",
+            *(_candidate(one, note=f"Not accepted: {typeset(one.why)}.") for one in finding.suspects),
+        )
+    if history:
+        rows = [
+            (place, run.plan, run.minutes, prose(run.why), prose(run.conclusion))
+            for place, run in enumerate(history.runs, start=1)
+        ]
+        used = f"{shown(sum(run.minutes for run in history.runs))} of {shown(history.budget)} minutes on the bench"
+        yield section(
+            "How this was found",
+            table(":n | plan | minutes :n value | why | result so far", rows),
+            caption(f"{used} were used. Reason for the end: {typeset(history.ended)}"),
+        )
+    if finding.unknowns:
+        yield section("Unknown effects", *starmap(_unknown, enumerate(finding.unknowns)))
+    if finding.verdict is Verdict.NO_EFFECT:
+        yield _detectable(finding.not_seen)
+    if finding.gains:
+        yield _gain(finding)
+
+
+def _quality_row(one: DataQuality) -> tuple[object, ...]:
+    doubt = Markup("; <b>doubt</b>") if one.doubt else ""
+    found, count = prose(one.found), f"{one.count} of {one.samples}"
+    return one.file, one.column, one.check, found, count, one.first, escape(prose(one.consequence)) + doubt
+
+
+def _cause(cause: Cause) -> Markup:
+    """Return a cause and the other laws of its phenomenon."""
+    other = f", another law of {cause.phenomenon}"
+    separated = f" A run that can: {typeset(cause.separated_by)}." if cause.separated_by else ""
+    note = f"These runs cannot distinguish it from {cause.title}.{separated}"
+    return joined([_candidate(cause), *(_candidate(law, other, note) for law in cause.laws)])
+
+
+def _candidate(one: Cause | Rival | Suspect, about: str = "", note: str = "") -> Markup:
+    name = element("small", f"\u2002{one.family}\u2002·\u2002{one.effect}{about}")
+    rows = [(_named(p), *pair(p.value, p.sd), unit(p.unit), interval(p)) for p in one.parameters]
+    parts = (
+        element("h3", joined([one.title, " ", name])),
+        paragraph(getattr(one, "equation", ""), "equation"),
+        table("parameter | value :n value | standard error :n | :u | 95 % interval :n", rows),
+        paragraph(getattr(one, "source", ""), "source"),
+        caption(note),
+    )
+    return element("div", joined(parts), "cause" if isinstance(one, Cause) else "cause rival") + "\n"
+
+
+def _unknown(place: int, one: Unknown) -> Markup:
+    valid = "It is valid only in the range of these runs, and does not name a cause."
+    about = paragraph(prose(one.sentence)) + caption(f"The surface is fitted to the remaining error. {valid}")
+    drawn = drawings.panel_figure(f"unknown{place}", one.title, one.figure) if one.figure else ""
+    return element("div", element("div", about) + figure(drawn), "pair")
+
+
+def _detectable(unseen: Sequence[Unseen]) -> Markup:
+    """Return the sizes from which on effects would be found; empty without any."""
+    if not unseen:
+        return Markup()
+    heads = "effect | family :u | smallest :n value | :u | footprint left :n | in words :u words"
+    return section(
+        "Smallest detectable effects",
+        "An effect that was not found may still exist. At the size in this table or above, it would be found in 95 of "
+        "100 cases.",
+        table(heads, map(_unseen_row, unseen)),
+        caption("Footprint left: the part that the parameters of the model cannot imitate."),
+    )
+
+
+def _unseen_row(one: Unseen) -> tuple[object, ...]:
+    measured_in = "" if one.smallest is None else unit(one.unit)
+    return one.title, one.family, one.smallest, measured_in, percent(one.visible), prose(one.sentence)
+
+
+def _gain(finding: Finding) -> Markup:
+    """Return the errors of both models on the report runs, and their curves."""
+    extended, report = bool(finding.models.effects), finding.provenance.report
+    fitted = "Neither model was" if extended else "The model was not"
+    covered = (map(percent, (one.level, one.before, one.after)) for one in finding.coverage)
+    within = [(f"within the {level} band of the noise", *both, level) for level, *both in covered]
+    return section(
+        "Improvement on unseen runs" if extended else "How well the model predicts unseen runs",
+        f"{fitted} fitted to {'these runs' if report[1:] else 'this run'}: {', '.join(report)}.",
+        table(
+            "channel | RMSE before :n | after :n value | noise :n | :u | before / signal :n | after / signal :n | "
+            "after / noise :n | removed share of the removable squared error :n value words | 95 % interval :n",
+            map(_gain_row, finding.gains),
+        ),
+        caption(
+            "Removed share of the removable squared error: (RMSE₀² − RMSE₁²) / (RMSE₀² − noise²); the noise itself "
+            "cannot be removed. Signal: the standard deviation of the measurement."
+        ),
+        table("of the samples | before :n | after :n value | expected :n", within, "numbers"),
+        caption(_COVERED if within else ""),
+        drawing(drawings.gain_rows("gains", finding.gains) if extended else ""),
+        pairs(
+            draw(f"{name}{place}", one)
+            for place, one in enumerate(finding.traces[:TRACES])
+            for name, draw in (("trace", drawings.trace_curves), ("error", drawings.trace_errors))
+        ),
+    )
+
+
+def _gain_row(one: Gain) -> tuple[object, ...]:
+    removed = "within the noise" if one.fraction is None else percent(one.fraction)
+    shares = (percent(one.nrmse_before), percent(one.nrmse_after), one.noise_ratio, removed)
+    errors = (one.rmse_before, one.rmse_after, one.floor, unit(one.unit))
+    return one.channel, *errors, *shares, percents(one.fraction_low, one.fraction_high)
+
+
+def _statistics(finding: Finding) -> Iterator[Markup]:
+    """Yield the figures behind the verdict: of the models, of the parameters and of each candidate."""
+    source = finding.provenance
+    gain = next((one for one in finding.gains if one.channel == "all" and one.noise_ratio is not None), None)
+    facts = {
+        "error before, on unseen runs": gain and f"{shown(gain.noise_ratio_before)} × noise",
+        "error after": gain and f"{shown(gain.noise_ratio)} × noise",
+        "reduction of the removable error (RMS)": gain
+        and gain.fraction is not None
+        and percent(gain.reduction),
+        "runs to fit, select, report": f"{len(source.fit)}, {len(source.select)}, {len(source.report)}",
+        "tested effects": str(len(finding.scores)),
+        "chance of a false alarm": percent(finding.alpha),
     }
-    from bench_records.templates import template
+    known = key_facts((name, told) for name, told in facts.items() if told)
+    yield element("h2", "Statistics", "statistics") + known
+    if finding.imitations:
+        yield section(
+            "Parameters that imitate the cause",
+            "Without the cause, the base model needs parameter values that contradict its priors. With the cause, the "
+            "values agree with the priors.",
+            table(
+                "parameter | run :u | without the cause :n value | with it :n | expected :n | ± :n | :u | "
+                "distance without, in prior standard deviations :n | with it :n",
+                map(_imitation_row, finding.imitations[:SHIFTS]),
+            ),
+        )
+    if finding.checks:
+        extended = ", and by the model with the causes (extended)" if finding.models.effects else ""
+        heads = (
+            "check | stock :n | tuned :n | extended :n value | ± :n | measured :n value | :u | measured in :u"
+        )
+        yield section(
+            "Stiffness and damping at the checks' frequencies",
+            "Results of test plans, predicted by the model with its parameters as shipped (stock), by the base model "
+            f"at its best fit (tuned){extended}.",
+            table(heads, map(_check_row, finding.checks)),
+            caption(
+                "±: half of the 95 % interval of the prediction. No parameter was fitted to these results."
+            ),
+        )
+    if rows := [*_strengths(finding)]:
+        heads = "effect | status | score :n | λ :n | BIC :n | log predictive density of the select runs :n | cosine :n"
+        yield section(
+            "Strength of the evidence",
+            table(heads, rows),
+            caption(
+                f"The threshold of scores is {shown(finding.threshold)}. λ is the footprint of an effect in units of "
+                "the noise. The data do not exclude a rival whose BIC is worse by less than 10. They also do not "
+                "exclude a rival that predicts unseen runs equally well if the remaining error exceeds the noise. "
+                "Cosine: similarity of both footprints; 1 means that they are the same."
+            ),
+        )
+    if finding.next_runs or finding.next_sensors:
+        yield _next_steps(finding)
 
-    page = template("report.html.j2", Path(__file__).parent)  # the look is that of the reports of the bench
-    return page.render(finding=finding, history=history, facts=_facts(finding), **formats, **parts)
+
+def _imitation_row(one: Imitation) -> tuple[object, ...]:
+    values = (shown(n, 4) for n in (one.before, one.after, one.expected))
+    return _named(one), one.run, *values, shown(one.sd, 2), unit(one.unit), one.sigmas, one.sigmas_after
 
 
-def _summary(finding: Finding) -> dict[str, Any]:
-    """The verdict, the gain on the report runs, and their curves before and after."""
-    extended = bool(finding.models.effects)
-    return {
-        "tone": "open" if finding.suspected else TONES[finding.verdict],
-        "headline": headline(finding),
-        "word": "suspected" if finding.suspected else finding.verdict.value,
-        "first_screen": first_screen(finding),
-        "overall": next((gain for gain in finding.gains if gain.channel == "all"), None),
-        "extended": extended,
-        "proof": drawings.trace_errors("proof", finding.traces[0])
-        if extended and finding.traces and not finding.suspected
-        else "",
-        "gain_drawing": drawings.gain_rows("gains", finding.gains),
-        "curves": [
-            Curves(t, drawings.trace_curves(f"trace{i}", t), drawings.trace_errors(f"error{i}", t))
-            for i, t in enumerate(finding.traces[:TRACES])
-        ],
-    }
+def _check_row(one: CheckPrediction) -> tuple[str, ...]:
+    stock, tuned, measured = (pair(n, one.uncertainty)[0] for n in (one.stock, one.tuned, one.measured))
+    extended = pair(one.extended, one.uncertainty)
+    return primed(one.name), stock, tuned, *extended, measured, unit(one.unit), one.run
 
 
-def _causes(finding: Finding) -> dict[str, Any]:
-    """The scores of all candidates, those that were rejected, and the terms without a name."""
-    return {
-        "score_drawing": drawings.score_points("scores", finding.scores, finding.threshold),
-        "rejected": [
-            s for s in finding.scores if (s.score or 0.0) > finding.threshold and s.outcome != "accepted"
-        ],
-        "unknowns": [
-            (
-                unknown,
-                drawings.panel_figure(f"unknown{i}", unknown.title, unknown.figure) if unknown.figure else "",
-            )
-            for i, unknown in enumerate(finding.unknowns)
-        ],
-    }
+def _strengths(finding: Finding) -> Iterator[tuple[object, ...]]:
+    """Yield effect, status, score, λ, BIC, log predictive density and cosine of each cause, rival and suspect."""
+    for cause in finding.causes:
+        gains = (gained(cause.bic_gain), gained(cause.lpd_gain))
+        yield cause.title, cause.status, cause.score, cause.strength, *gains, ""
+    for rival in finding.ambiguous_with:
+        gap = gained(None if rival.bic_gap is None else -rival.bic_gap)
+        yield (
+            rival.title,
+            f"instead of {rival.instead_of}",
+            "",
+            "",
+            f"{gap} than that cause",
+            "",
+            rival.cosine,
+        )
+    for suspect in finding.suspects:
+        yield suspect.title, "not accepted", "", suspect.strength, "", "", ""
+    for one in finding.unknowns:
+        near = ", ".join(f"{other.effect} ({shown(other.cosine)})" for other in one.nearest)
+        test = f"χ² = {shown(one.statistic)} with {one.freedom} degrees of freedom, p {chance(one.p)}"
+        yield one.title, f"unknown cause: {test}; similar to {near}", "", "", "", gained(one.lpd_gain), ""
 
 
-def _residual(finding: Finding) -> dict[str, Any]:
-    """Return the results of the panel of tests on the residuals of the base model."""
+def _next_steps(finding: Finding) -> Markup:
+    """Return the runs and reference measurements that would distinguish the causes."""
+    most = max((run.per_minute or 0.0 for run in finding.next_runs), default=0.0)
+    rows = [
+        (
+            run.experiment,
+            run.minutes,
+            _gap(run.bic_gap),
+            _gap(run.per_minute),
+            _share(run.per_minute, most),
+            run.pair,
+        )
+        for run in finding.next_runs[:RUNS]
+    ]
+    note = (
+        "The BIC gap shows how much worse the wrong model would predict this run, after a new fit of its parameters "
+        "within their tolerances. A gap of 10 is enough to distinguish the models."
+    )
+    heads = "run | minutes :n | expected BIC gap :n value | gap per minute :n | :bars | hardest pair to separate :u"
+    sensors = bullets((prose(one.sentence) for one in finding.next_sensors), "told")
+    return section(
+        "How to distinguish the causes",
+        table(heads, rows),
+        caption(note if rows else ""),
+        subheading("Or a reference measurement") + sensors if sensors else "",
+    )
+
+
+def _share(value: float | None, most: float) -> Markup:
+    width = round(100.0 * max(value or 0.0, 0.0) / most, 1) if most > 0.0 else 0
+    return element("span", "", "share", style=f"width:{width}%")
+
+
+def _tests(finding: Finding) -> Iterator[Markup]:
+    """Yield the scores of all candidates, with those that were rejected, and the tests of the residuals."""
+    rejected = [
+        (one.title, one.family, one.score, typeset(one.shape), typeset(one.outcome))
+        for one in finding.scores
+        if (one.score or 0.0) > finding.threshold and one.outcome != "accepted"
+    ]
+    yield section(
+        "Tested effects",
+        "The footprint of an effect is the change of the outputs that remains after the base model has adapted its "
+        "parameters. The score is the agreement of the footprint with the remaining error of the base model, in "
+        "standard deviations of the noise. By chance alone, the highest of all scores exceeds the threshold in "
+        f"{percent(finding.alpha)} of diagnoses.",
+        drawing(drawings.score_points("scores", finding.scores, finding.threshold)),
+        subheading("Above the threshold, but not named") if rejected else "",
+        table("effect | family :u | score :n | at :u words | reason", rejected),
+    )
+    if not finding.panel:
+        return
     tested = [row for row in finding.panel if row.p is not None]
     clear = sorted(
         (row for row in tested if row.significant), key=lambda row: (row.q or 0.0, -(row.statistic or 0.0))
     )
-    drawn = [row for row in clear if row.figure][:FIGURES]
-    return {
-        "panel_drawing": drawings.panel_map("panel", finding.panel),
-        "tested": len(tested),
-        "clear": len(clear),
-        "sentences": _one_of_each_test_first(clear),
-        "figures": [
-            (row, drawings.panel_figure(f"panel{i}", f"{row.title}: {row.channel}", row.figure))
-            for i, row in enumerate(drawn)
-            if row.figure
-        ],
-    }
+    by_chance = f", at most {percent(0.01)} of these by chance" if clear else ""
+    told = [
+        (prose(row.sentence), row.run, chance(row.q), row.points_to) for row in _one_of_each_test_first(clear)
+    ]
+    drawn = [(f"{row.title}: {row.channel}", row.figure) for row in clear if row.figure][:FIGURES]
+    yield section(
+        "Tests of the error of the base model",
+        f"Of {len(tested)} tests of the error, {len(clear)} are significant{by_chance}. No test assumes a cause.",
+        drawing(drawings.panel_map("panel", finding.panel)),
+        caption(
+            "Each number is the statistic of a significant test (k: thousands, M: millions). A field is darker for a "
+            "larger number; a field without a number may be due to chance. Each test has its own scale, so compare "
+            "only within a row. A dot means that the test does not apply to the channel or the runs."
+        ),
+        table("what | run :u words | p, of all tests :n | points to :u words", told),
+        pairs(drawings.panel_figure(f"panel{place}", *one) for place, one in enumerate(drawn)),
+    )
 
 
-def _what_is_possible(finding: Finding) -> dict[str, Any]:
-    """Return what these runs can distinguish, which runs would decide, and the shifts of the base parameters."""
-    shifts = _shift_rows(finding.shifts)
-    confusability = finding.confusability
-    moved = [(_label(shift), shift.sigmas or 0.0) for shift in shifts]
-    return {
-        "cosine_drawing": drawings.cosine_map("cosines", confusability) if confusability else "",
-        "inseparable": [pair for pair in confusability.pairs if not pair.separable] if confusability else [],
-        "next_runs": finding.next_runs[:RUNS],
-        "most": max((run.per_minute or 0.0 for run in finding.next_runs), default=0.0),
-        "shifts": shifts,
-        "shift_drawing": drawings.shift_rows("shifts", moved) if shifts else "",
-    }
+def _limits(finding: Finding) -> Iterator[Markup]:
+    """Yield what these runs can distinguish, how the base parameters moved, open points and provenance."""
+    if finding.verdict is not Verdict.NO_EFFECT:
+        yield _detectable(finding.not_seen)
+    if finding.confusability:
+        alike = bullets(
+            (
+                f"{one.first} and {one.second}: cosine {shown(one.cosine)}, expected BIC gap {_gap(one.bic_gap)}"
+                for one in finding.confusability.pairs
+                if not one.separable
+            ),
+            "told",
+        )
+        yield section(
+            "What these runs can distinguish",
+            "No method can distinguish two effects with the same footprint. A darker field means more similar "
+            "footprints; numbers are shown above 0.9.",
+            drawing(drawings.cosine_map("cosines", finding.confusability)),
+            subheading("Not separable at their usual sizes") + alike if alike else "",
+        )
+    if shifts := _largest_shifts(finding.shifts):
+        yield section(
+            "The parameters of the base model, before and after",
+            "If the model lacks a cause, its parameters compensate for it, with intervals that are too narrow. For a "
+            "parameter outside the grey band, the 95 % interval of the base model was wrong.",
+            drawing(
+                drawings.shift_rows("shifts", [(_label(shift), shift.sigmas or 0.0) for shift in shifts])
+            ),
+            table(
+                "parameter | run :u | before :n | ± :n | after :n value | ± :n | :u | shift, σ :n",
+                map(_shift_row, shifts),
+            ),
+        )
+    if finding.remains:
+        yield section("Open points", bullets(map(prose, finding.remains), "told"))
+    yield section("How to reproduce this result", facts_table(_facts(finding)))
+
+
+def _shift_row(one: Shift) -> tuple[str, ...]:
+    before, after = pair(one.before, one.sd_before), pair(one.after, one.sd_after)
+    return _named(one), one.run, *before, *after, unit(one.unit), shown(one.sigmas, 2)
+
+
+def _gap(value: float | None) -> str:
+    return "below 0.01" if value is not None and value < 0.01 else shown(value)
+
+
+def _named(one: Estimate | Imitation | Shift) -> str:
+    return one.name.replace("_", " ")
 
 
 def interval(estimate: Estimate) -> str:
@@ -193,14 +520,13 @@ def _one_of_each_test_first(rows: Sequence[PanelRow]) -> list[PanelRow]:
     return [*best, *(row for row in rows if row not in best)][:SENTENCES]
 
 
-def _shift_rows(shifts: Sequence[Shift]) -> list[Shift]:
+def _largest_shifts(shifts: Sequence[Shift]) -> list[Shift]:
     moved = [shift for shift in shifts if shift.sigmas is not None]
     return sorted(moved, key=lambda shift: -abs(shift.sigmas or 0.0))[:SHIFTS]
 
 
 def _label(shift: Shift) -> str:
-    name = shift.name.replace("_", " ")
-    return f"{name} [{shift.run}]" if shift.run else name
+    return f"{_named(shift)} [{shift.run}]" if shift.run else _named(shift)
 
 
 def _facts(finding: Finding) -> list[tuple[str, str]]:

@@ -17,7 +17,7 @@ INSIDE_FUNCTIONS = {
     "bench_protocol": 4,
     "bench_records": 96,
     "bench_sim": 4,
-    "diagnosis": 9,
+    "diagnosis": 8,
     "drivers": 21,
     "test_plans": 1,
 }
