@@ -158,11 +158,21 @@ def without_lag(amplitude: complex, lag: float, frequency: float) -> complex:
 def straight_line(times: Samples, values: Samples) -> tuple[float, float]:
     """Return level (in the middle of the samples) and slope (per s) of the line through them; NaN is left out."""
     good = np.isfinite(values)
-    if np.count_nonzero(good) < 2:
-        raise NotMeasured(f"{np.count_nonzero(good)} samples do not make a line")
-    middle = times[good] - times[good].mean()
-    level = values[good].mean()
-    return float(level), float(np.sum(middle * (values[good] - level)) / np.sum(middle**2))
+    if not good.all():
+        times, values = times[good], values[good]
+    if values.size < 2:
+        raise NotMeasured(f"{values.size} samples do not make a line")
+    middle, squares = _about_the_mean(np.asarray(times, float).tobytes())
+    level = values.mean()
+    return float(level), float(np.sum(middle * (values - level)) / squares)
+
+
+@lru_cache(maxsize=16)
+def _about_the_mean(times: bytes) -> tuple[Samples, float]:
+    """Return ``times`` (s) less their mean, and the sum of their squares; an uncertainty needs the same ones often."""
+    t = np.frombuffer(times)
+    middle = t - t.mean()
+    return middle, float(np.sum(middle**2))
 
 
 def dynamic_stiffness(

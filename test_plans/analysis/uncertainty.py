@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from math import hypot, isfinite, sqrt
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +35,8 @@ EVEN: Final = 1 / sqrt(3.0)
 STEP: Final = 1 / sqrt(12.0)
 #: This number of draws gives the standard deviation of the effect of noise to 6 %.
 NOISE_DRAWS: Final = 128
+#: Random numbers drawn in one call, at most (8 MB), except for a single draw that needs more.
+NUMBERS_AT_ONCE: Final = 1_000_000
 #: Up to this ratio of the rates a signal counts as equally fast, because single samples may be lost.
 SAME_RATE: Final = 1.2
 #: Parts below this share of the variance are not listed.
@@ -273,21 +275,56 @@ def _noise(
     generator = np.random.default_rng(1)
     away = np.zeros_like(best)
     noisy = [[*_noises(one, pieces, averaged, apart)] for one in captures]
-    for _ in range(NOISE_DRAWS):
-        drawn = [
-            {
-                **one,
-                **{
-                    name: values + sigma * _drawn(generator, values.shape, by)
-                    for name, values, sigma, by in of
-                },
-            }
-            if of
-            else one
+    for drawn in _draws(generator, [one for of in noisy for one in of]):
+        changed = [
+            {**one, **{noise.name: next(drawn) for noise in of}} if of else one
             for one, of in zip(captures, noisy, strict=True)
         ]
-        away += (np.atleast_1d(np.asarray(evaluate(*drawn), float)) - best) ** 2
+        away += (np.atleast_1d(np.asarray(evaluate(*changed), float)) - best) ** 2
     return np.sqrt(away / NOISE_DRAWS)
+
+
+class _Noise(NamedTuple):
+    """A signal with noise: its readings, the standard deviation of one, and the distance of its samples."""
+
+    name: str
+    values: Samples
+    sigma: float
+    apart: float
+
+    @property
+    def numbers(self) -> int:
+        """How many random numbers one draw takes."""
+        if not self.values.ndim or self.apart < SAME_RATE:
+            return self.values.size
+        return int((self.values.size - 1) / self.apart) + 2 if self.values.size else 0
+
+    def readings(self, normal: Samples) -> Samples:
+        """Return the readings with noise, one row per draw, of normal random numbers, shape (draws, `numbers`)."""
+        if not self.values.ndim:
+            return self.values + self.sigma * normal[:, 0]
+        if self.apart < SAME_RATE or not self.values.size:
+            return self.values + self.sigma * normal
+        # Samples between those that were received are interpolated linearly.
+        places = np.arange(self.values.size) / self.apart
+        before = places.astype(int)
+        step = normal[:, before + 1] - normal[:, before]
+        return self.values + self.sigma * (step * (places - before) + normal[:, before])
+
+
+def _draws(generator: np.random.Generator, noisy: Sequence[_Noise]) -> Iterator[Iterator[Any]]:
+    """Yield the readings of all ``noisy`` signals, in their order, for each draw; many draws are made in one call."""
+    ends = np.cumsum([0, *(one.numbers for one in noisy)])
+    left = NOISE_DRAWS
+    while left:
+        rows = min(left, max(1, NUMBERS_AT_ONCE // max(int(ends[-1]), 1)))
+        normal = generator.standard_normal((rows, int(ends[-1])))
+        columns = [
+            one.readings(normal[:, start:end])
+            for one, start, end in zip(noisy, ends[:-1], ends[1:], strict=True)
+        ]
+        yield from (iter([of[row] for of in columns]) for row in range(rows))
+        left -= rows
 
 
 def _noises(
@@ -295,24 +332,16 @@ def _noises(
     pieces: Sequence[Piece],
     averaged: int | Mapping[str, int],
     apart: Mapping[str, float],
-) -> Iterator[tuple[str, Samples, float, float]]:
-    """Yield each signal of ``readings`` with noise: name, values, standard deviation, distance of its samples."""
+) -> Iterator[_Noise]:
+    """Yield each signal of ``readings`` with noise."""
     if isinstance(readings, Description):
         return
     for piece in pieces:
         if piece.signal in readings:
             values = np.asarray(readings[piece.signal], float)
             count = averaged.get(piece.signal, 1) if isinstance(averaged, Mapping) else averaged
-            yield piece.signal, values, _sigma(piece, values, count), apart.get(piece.signal, 1.0)
-
-
-def _drawn(generator: np.random.Generator, shape: tuple[int, ...], apart: float) -> Samples:
-    """Return normal random numbers; if ``apart`` is more than one sample, those between are interpolated linearly."""
-    if not shape or apart < SAME_RATE:
-        return generator.standard_normal(shape)
-    places = np.arange(shape[0]) / apart
-    drawn = generator.standard_normal(int(places[-1]) + 2 if places.size else 0)
-    return np.interp(places, np.arange(drawn.size), drawn)
+            sigma = _sigma(piece, values, count)
+            yield _Noise(piece.signal, values, sigma, apart.get(piece.signal, 1.0))
 
 
 def _sigma(piece: Piece, values: Samples, averaged: int) -> float:
