@@ -47,8 +47,10 @@ BINS = 700
 LOOP_POINTS = 900
 MANY_LINES = 6
 CURVE = Margins(3.35, width=4.72, left=0.66, right=0.14, bottom=0.68, top=0.30)
-#: Of a figure in the numbers of a scale, in points.
+#: Widths in points: of a digit of a scale, of a letter of a label, of the piece of line in front of a label.
 NUMBER_WIDTH = 5.0
+WORD_WIDTH = 4.4
+SWATCH = 13.0
 
 
 class Series(NamedTuple):
@@ -155,52 +157,65 @@ def strips(
 def curve_panel(name: str, title: str, curves: Sequence[Curve]) -> str:
     """Curves that share their axes: loops with a sequence of colours, sweeps with marked points and their limits."""
     x, y = curves[0].x, curves[0].y
+    traces, pointed = curve_traces(curves), curves[0].kind == "sweep"
     with sheet(CURVE) as paper:
         axes = paper.axes
-        for trace in curve_traces(curves):
-            axes.add_line(_curve_line(trace, pointed=curves[0].kind == "sweep"))
+        for trace in traces:
+            axes.add_line(_curve_line(trace, trace.xs, trace.ys, pointed=pointed))
             _error_bars(axes, trace)
         axes.autoscale_view()
         if is_over_decades(curves):
             _over_decades(axes, labelled_frequencies(curves))
         axes.margins(0.05)
-        if len(curves) > 1 or curves[0].lows:
-            axes.legend(
-                loc="upper left",
-                bbox_to_anchor=(-0.02, -0.135),
-                ncols=5,
-                frameon=False,
-                fontsize=8,
-                handlelength=1.6,
-                columnspacing=1.0,
-                borderpad=0.1,
-            )
         paper.heading(title, _joined(primed(y.label), unit(y.unit), paper.vertical_numbers()))
         paper.mark_scale_without_zero()
         foot = _joined(x.label, unit(x.unit), paper.horizontal_numbers())
         paper.write(paper.right, paper.bottom + 21.96, foot, size=8.5, anchor="end")
+        if len(traces) > 1:
+            _labels_below(paper, traces, pointed=pointed)
         return paper.drawn(name)
 
 
-def _curve_line(trace: Trace, *, pointed: bool) -> Line2D:
+def _curve_line(trace: Trace, xs: Any, ys: Any, *, pointed: bool, **rest: Any) -> Line2D:
     from matplotlib.lines import Line2D
 
-    line = Line2D(trace.xs, trace.ys, color=trace.color, linestyle=_linestyle(trace.dash), label=trace.label)
-    line.set_linewidth(trace.width)
+    line = Line2D(xs, ys, color=trace.color, linestyle=_linestyle(trace.dash), linewidth=trace.width, **rest)
     if pointed:
         marker, size = ("_", 5.0) if trace.color == ALARM else ("o", 3.0 + 1.6 * trace.width)
         line.set(marker=marker, markersize=size, markeredgecolor=trace.color)
     return line
 
 
+def _labels_below(paper: Sheet, traces: Sequence[Trace], *, pointed: bool) -> None:
+    """Name the lines below the axes, in as many rows as their names need."""
+    left, down = paper.left, paper.bottom + 34.0
+    for trace in traces:
+        wide = SWATCH + 4.0 + WORD_WIDTH * len(trace.label)
+        if left > paper.left and left + wide > paper.right:
+            left, down = paper.left, down + 12.0
+        across, up = paper.share(left, down)
+        end, _ = paper.share(left + SWATCH, down)
+        xs = (across, (across + end) / 2, end)
+        swatch = _curve_line(
+            trace, xs, (up, up, up), pointed=pointed, transform=paper.axes.transAxes, clip_on=False
+        )
+        swatch.set_markevery([1])
+        paper.axes.add_artist(swatch)
+        paper.write(left + SWATCH + 4.0, down + 8.0 * OF_WORDS, trace.label, size=8.0, color=INK)
+        left += wide + 10.0
+
+
 def _error_bars(axes: Axes, trace: Trace) -> None:
     """Draw the expanded uncertainty of each point to both sides."""
     if trace.expanded is None:
         return
+    import numpy as np
+    from matplotlib.lines import Line2D
+
     low, high = trace.ys - trace.expanded, trace.ys + trace.expanded
-    axes.vlines(trace.xs, low, high, color=trace.color, linewidth=0.9)
-    for ends in (low, high):
-        axes.plot(trace.xs, ends, linestyle="", marker="_", markersize=7, color=trace.color)
+    ends = np.column_stack((low, high, np.full_like(low, np.nan))).ravel()
+    places = np.repeat(trace.xs, 3)
+    axes.add_line(Line2D(places, ends, color=trace.color, linewidth=0.9, marker="_", markersize=7))
 
 
 def _over_decades(axes: Axes, ticks: Sequence[float]) -> None:
@@ -351,21 +366,21 @@ def _side_labels(paper: Sheet, labels: Sequence[str]) -> None:
     """Names next to the lines, in their colours: nearer to the eye than a legend in a box."""
     from matplotlib.lines import Line2D
 
-    axes, first = paper.axes, paper.top + 0.05 * (paper.bottom - paper.top)
+    first = paper.top + 0.05 * (paper.bottom - paper.top)
     for index, label in enumerate(labels):
         color, dash = look(index, label)
         down = first + index * 0.165 * 72
-        share = (paper.bottom - down) / (paper.bottom - paper.top)
+        _, share = paper.share(0.0, down)
         swatch = Line2D(
             [1.012, 1.042],
             [share, share],
-            transform=axes.transAxes,
+            transform=paper.axes.transAxes,
             color=color,
             linestyle=_linestyle(tuple(0.6 * n for n in dash)),
             linewidth=2,
             clip_on=False,
         )
-        axes.add_artist(swatch)
+        paper.axes.add_artist(swatch)
         paper.write(_right_of_axes(paper, 1.05), down + 8.5 * OF_WORDS, label, size=8.5, color=INK)
 
 

@@ -62,6 +62,10 @@ class Sheet:
         low, high = self.axes.get_ylim()
         return self.bottom - (value - low) / (high - low) * (self.bottom - self.top)
 
+    def share(self, x: float, y: float) -> tuple[float, float]:
+        """Return a place, given in points, as shares of the width and the height of the axes."""
+        return (x - self.left) / (self.right - self.left), (self.bottom - y) / (self.bottom - self.top)
+
     def write(
         self,
         x: float,
