@@ -8,13 +8,16 @@ from pathlib import Path
 import numpy as np
 
 HERE = Path(__file__).parent
-PAGE = HERE.parents[1] / "docs" / "how-to" / "use-fmus.md"
+HOW_TO = HERE.parents[1] / "docs" / "how-to"
+PAGE = HOW_TO / "use-fmus.md"
 
 
 def page_files(folder: Path) -> None:
-    """Save what the page says to save."""
+    """Save the files that the page shows, and the file `measure.py` of the page that it links."""
     pattern = r"`(\w+\.(?:py|toml))`[^`\n]*:\n\n```\w+\n(.*?)```"
-    for name, text in re.findall(pattern, PAGE.read_text(), flags=re.DOTALL):
+    linked = dict(re.findall(pattern, (HOW_TO / "diagnose-other-data.md").read_text(), flags=re.DOTALL))
+    shown = dict(re.findall(pattern, PAGE.read_text(), flags=re.DOTALL))
+    for name, text in (shown | {"measure.py": linked["measure.py"]}).items():
         (folder / name).write_text(text)
 
 
