@@ -52,7 +52,7 @@ def _close(workers: list[Worker], temporary: tempfile.TemporaryDirectory[str]) -
 
 
 class Worker:
-    """A process that runs an FMU, as its parent has it."""
+    """A process that runs an FMU, as seen by its parent."""
 
     def __init__(self, name: str, module: str, folder: Path) -> None:
         self.name, self.folder, self._log = name, folder, folder / "log"
@@ -130,7 +130,7 @@ class Worker:
         self._process.kill()
 
     def ending(self) -> str:
-        """Return in words how the process ended; wait for its end."""
+        """Wait for the end of the process, and return the reason of its end as text."""
         code = self._process.wait()
         if self._timeout:
             return f"made no progress for {self._timeout:g} s"

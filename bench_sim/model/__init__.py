@@ -1,1 +1,3 @@
-"""The plant: the air spring test bench as compiled differential equations, without time, chance or input and output."""
+"""The plant: the air spring test bench as compiled differential equations, without real time, random numbers, input or
+output.
+"""

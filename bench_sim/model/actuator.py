@@ -1,8 +1,9 @@
 """Servo-hydraulic actuators: force or displacement control of second order behind a delay, on a compliant frame.
 
-In each mode one state q follows the delayed set-point, d²q/dt² = ω²(q_set − q) − 2ζω dq/dt. Under force control
-(and OFF, which is force control to zero with a slow ramp) q is the force. Under displacement control q is the piston,
-and frame and oil stand between piston and bolster: F = k (q − d) + c (dq/dt − dd/dt), limited by the supply pressure.
+In each mode one state q follows the delayed set-point, d²q/dt² = ω²(q_set − q) − 2ζω dq/dt. Under force control (and
+OFF, which is force control to zero with a slow ramp) q is the force. Under displacement control q is the piston, and
+frame and oil act as a spring between piston and bolster: F = k (q − d) + c (dq/dt − dd/dt), limited by the supply
+pressure.
 """
 
 from math import pi
@@ -15,13 +16,15 @@ from bench_sim.model.layout import ACTUATORS, DELAY_CAPACITY, LATERAL, Input, Mo
 
 @compiled
 def actuator_sense(actuator: int) -> float:
-    """+1 if a positive force moves the bolster in the positive direction: the vertical ones push down."""
+    """Return +1 if a positive force moves the bolster in the positive direction, else −1: the vertical ones push
+    down.
+    """
     return 1.0 if actuator == LATERAL else -1.0
 
 
 @compiled
 def bolster_point(x: Any, par: Any, actuator: int) -> tuple[float, float]:
-    """Displacement and speed of the bolster where the actuator is pinned, up or left positive."""
+    """Return displacement and speed of the bolster at the pin of the actuator, up or left positive."""
     if actuator == LATERAL:
         arm = -par.lateral_actuator_height
         place = State.BOLSTER_LATERAL
@@ -56,7 +59,7 @@ def actuator_force(x: Any, mem: Any, par: Any, j: int, d: float, d_speed: float)
 
 @compiled
 def actuator_term(x: Any, mem: Any, par: Any, out: Any, dx: Any) -> None:
-    """Dynamics of the three actuators, and their forces on the bolster (as force, to be divided by mass later)."""
+    """Add the dynamics of the three actuators and their forces on the bolster, in N, to the derivatives."""
     for j in range(ACTUATORS):
         omega = 2.0 * pi * par.actuator_frequency[j]
         rate = x[State.ACTUATOR_RATE + j]
@@ -87,7 +90,7 @@ def piston_displacement(x: Any, mem: Any, par: Any, j: int, force: float, d: flo
 
 @compiled
 def relief_speed(x: Any, mem: Any, par: Any, j: int) -> float:
-    """Speed at which a shut-in piston gives way to a force beyond that of its relief valves, in m/s; 0 below it."""
+    """Return the speed (m/s) of a shut-in piston under a force beyond that of its relief valves; 0 below it."""
     d, d_speed = bolster_point(x, par, j)
     force = actuator_force(x, mem, par, j, d, d_speed)
     beyond = force - min(max(force, -par.actuator_relief_force[j]), par.actuator_relief_force[j])
@@ -96,7 +99,7 @@ def relief_speed(x: Any, mem: Any, par: Any, j: int) -> float:
 
 @compiled
 def hold_setpoint(mem: Any, j: int, value: float) -> None:
-    """Fill the delay line with one value: the actuator has always been asked for it."""
+    """Fill the delay line with one value, as if the set-point had always been constant."""
     mem.setpoint[j] = value
     mem.delayed[j] = value
     for k in range(DELAY_CAPACITY):
@@ -105,7 +108,9 @@ def hold_setpoint(mem: Any, j: int, value: float) -> None:
 
 @compiled
 def change_mode(x: Any, mem: Any, par: Any, j: int, mode: int) -> None:
-    """Take over without a bump: force and speed stay, and the set-point starts from where the actuator is."""
+    """Change the control mode without a bump: force and speed stay, and the set-point starts at the present
+    position.
+    """
     d, d_speed = bolster_point(x, par, j)
     force = actuator_force(x, mem, par, j, d, d_speed)
     was = mem.mode[j]
@@ -123,7 +128,7 @@ def change_mode(x: Any, mem: Any, par: Any, j: int, mode: int) -> None:
 
 @compiled
 def command_actuators(x: Any, mem: Any, u: Any, par: Any, dt: float) -> None:
-    """Once per step: modes, limits and slew rates of the set-points, delay line."""
+    """Update modes, limits and slew rates of the set-points, and the delay line; once per step."""
     head = mem.step % DELAY_CAPACITY
     for j in range(ACTUATORS):
         mode = int(u[Input.VERTICAL_LEFT_MODE + j])

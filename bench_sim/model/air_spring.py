@@ -1,7 +1,6 @@
-"""Everything that the air springs and their valves do, whatever is on them: the sum of their terms.
+"""All terms of the air springs and their valves, for any mass on them.
 
-The bench puts a bolster with actuators on them (`bench_sim.model.kernel`), the vehicle a car body
-(`bench_sim.model.car`).
+The bench adds a bolster with actuators (`bench_sim.model.kernel`), the vehicle a car body (`bench_sim.model.car`).
 """
 
 from typing import Any, Final

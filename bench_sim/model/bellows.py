@@ -68,8 +68,9 @@ def vertical_loads(
 ) -> tuple[float, float, float, float]:
     """Compression of the contact in m, F_z in N, ∂F_z/∂ζ_b at constant pressure in N/m and ∂F_z/∂p in m².
 
-    ``A`` m² is the area without pressure, ``growth`` m²/Pa its growth with the gauge pressure.
-    ``rubber`` N with the stiffness ``stiff`` N/m are of what relaxes; ``f`` and ``slope`` of the friction's curve.
+    ``A`` m² is the area without pressure, ``growth`` m²/Pa its growth with the gauge pressure. ``rubber`` N is the
+    force of the relaxing elements with the stiffness ``stiff`` N/m; ``f`` and ``slope`` are those of the friction
+    curve.
     """
     limit = friction_limit(friction, friction_slope, gauge)
     contact = max(contact_height - z, 0.0)
@@ -96,7 +97,7 @@ def lateral_loads(
     friction: float,
     friction_slope: float,
 ) -> tuple[float, float, float]:
-    """As `vertical_loads`: F_y, ∂F_y/∂y_b and ∂F_y/∂p; ``bend`` is ∂²V/∂y² in m."""
+    """F_y, ∂F_y/∂y_b and ∂F_y/∂p, like `vertical_loads`; ``bend`` is ∂²V/∂y² in m."""
     limit = friction_limit(friction, friction_slope, gauge)
     return (
         gauge * B - shell * y - rubber - limit * f,
@@ -124,7 +125,7 @@ def compliance_matrix(
     c_y: float,
     p_V: float,
 ) -> tuple[float, float, float, float]:
-    """1 − C·K of the series connection, row by row; ``p_V`` = −dp/dV in Pa/m³ for the change of state at hand."""
+    """1 − C·K of the series connection, row by row; ``p_V`` is −dp/dV in Pa/m³ for the present change of state."""
     return (
         1.0 - c_z * (K_zz - per_z * p_V * A),
         -c_z * (K_zy - per_z * p_V * B),
@@ -189,8 +190,8 @@ def bellows_speeds(
 ) -> tuple[float, float, float]:
     """ζ̇_b and ẏ_b in m/s, and dV/dt in m³/s, from the series connection differentiated in time.
 
-    dp/dt = ((κ−1)Ḣ − κ p (∂V/∂ζ ζ̇_b + ∂V/∂y ẏ_b))/(V + κ C_V p), where ``heating`` is (κ−1)Ḣ in W, Ḣ being all
-    enthalpy and heat that comes in. ``relax_z`` and ``relax_y`` are the rates of force by relaxation in N/s.
+    dp/dt = ((κ−1)Ḣ − κ p (∂V/∂ζ ζ̇_b + ∂V/∂y ẏ_b))/(V + κ C_V p), where ``heating`` is (κ−1)Ḣ in W, and Ḣ is the sum of
+    incoming enthalpy and heat. ``relax_z`` and ``relax_y`` are the rates of force by relaxation in N/s.
     """
     per_V = 1.0 / (V + kappa * compliance * p)
     a, b, c, d = compliance_matrix(A, B, per_z, per_y, K_zz, K_zy, K_yy, c_z, c_y, kappa * p * per_V)

@@ -1,6 +1,6 @@
-"""The whole bench at rest: what its actuators press with, where it sits without air, and its state.
+"""The whole bench at rest: the forces of its actuators, its heights without air, and its state.
 
-None of it is compiled: who makes a bench calls it as it is, and an FMU of the bench compiles it.
+These functions are not compiled here, because an FMU of the bench compiles them itself.
 """
 
 from typing import Any
@@ -12,7 +12,7 @@ from bench_sim.model.spring import stretch, volume
 
 
 def rest_forces(par: Any) -> tuple[float, float, float]:
-    """Return the forces of the actuators (N) where springs at design height carry their preload."""
+    """Return the forces of the actuators (N) if springs at design height carry their preload."""
     left, right = par.nominal_preload[0], par.nominal_preload[1]
     total = left + right - par.bolster_mass * par.gravity
     difference = (left - right) * par.spring_half_spacing / par.actuator_half_spacing
@@ -33,10 +33,10 @@ def seated_height(par: Any, side: int) -> tuple[float, float]:
 
 
 def settle_bench(x: Any, mem: Any, par: Any, bellows: Any, height: Any, pressure: Any, supply: float) -> None:
-    """Place the bolster where the springs have these heights, with relaxed rubber and the gas at the wall temperature.
+    """Place the bolster at these heights of the springs, with relaxed rubber and the gas at the wall temperature.
 
     ``bellows`` and ``height`` (m) and ``pressure`` (Pa absolute) have one value for each side. The commands of the
-    actuators are assumed to be constant since long before.
+    actuators are assumed constant for a long time before.
     """
     T = settled_temperature(par)
     x[State.BOLSTER_VERTICAL] = 0.5 * (height[0] + height[1])

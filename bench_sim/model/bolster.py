@@ -54,7 +54,7 @@ def felt_acceleration(roll: float, lateral: float, vertical: float, angular: flo
 def bolster_term(x: Any, par: Any, out: Any, dx: Any) -> None:
     """m z̈ = ΣF_z − ΣF_act − m g;  m ÿ = ΣF_y + F_act + F_bs;  J φ̈ = Σ moments.
 
-    Springs and actuators have left their forces in the derivatives of the speeds.
+    Springs and actuators have added their forces (N) to the derivatives of the speeds.
     """
     bump = stop_force(x[State.BOLSTER_LATERAL] - x[State.PLATFORM_LATERAL], par)
     out[Algebraic.BUMP_STOP] = bump
@@ -75,7 +75,7 @@ def bolster_term(x: Any, par: Any, out: Any, dx: Any) -> None:
 
 @compiled
 def platform_term(x: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
-    """Each motion of the platform follows its command with second order; the load does not move it."""
+    """Add the motions of the platform, which follow their commands with second order, independent of the load."""
     omega = 2.0 * pi * par.platform_frequency
     for k in range(3):
         if k == 0:

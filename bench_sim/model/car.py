@@ -1,14 +1,15 @@
 """Half a car on one bogie: the car body takes the bolster's place on the same two air springs, under crosswind.
 
-The bolster's six states are the car body's and the platform's are the bogie's, which the track moves; gas, orifices,
-valves, rubber and springs are the bench's (`air_spring`). With the centre of gravity e above the top plates, damper and
-bump stop e_d and e_s below it, the wind h_w above it, and displacements against the bogie at those points:
+The six states of the bolster are those of the car body, and the states of the platform those of the bogie, which the
+track moves. Gas, orifices, valves, rubber and springs are those of the bench (`air_spring`). With the centre of gravity
+e above the top plates, damper and bump stop e_d and e_s below it, the wind h_w above it, and displacements against the
+bogie at those points:
 
     m ÿ = ½F_w + ΣF_y + F_d + F_bs
     m z̈ = ΣF_z − m g
     J φ̈ = Σ(s_i b F_z,i + e F_y,i + M_i) + e_d F_d + e_s F_bs − ½h_w F_w − K_arb φ + m g e φ
 
-The last term is the weight's: a body that rolls by φ on springs e below its centre moves that centre by eφ past them.
+The last term is from the weight: a body that rolls by φ on springs e below its centre moves that centre sideways by eφ.
 """
 
 from dataclasses import dataclass
@@ -126,7 +127,7 @@ def damper_force(x: Any, car: Any) -> float:
 
 @compiled
 def wind_at(t: float, force: Any, interval: float) -> float:
-    """Linear between samples ``interval`` s apart, the last one held."""
+    """Return the wind force: linear between samples ``interval`` s apart, the last one held."""
     s = max(t / interval, 0.0)
     last = force.shape[0] - 1
     if s >= last:
@@ -137,7 +138,7 @@ def wind_at(t: float, force: Any, interval: float) -> float:
 
 @compiled
 def car_term(x: Any, par: Any, car: Any, wind: float, out: Any, dx: Any) -> None:
-    """Everything but the springs, whose forces are in the speeds' derivatives; then division by mass and inertia.
+    """Add all forces except those of the springs to the derivatives of the speeds; then divide by mass and inertia.
 
     ``wind`` is the force on this half of the car in N.
     """
@@ -169,7 +170,7 @@ def car_term(x: Any, par: Any, car: Any, wind: float, out: Any, dx: Any) -> None
 def car_slope(
     ahead: float, x: Any, mem: Any, u: Any, par: Any, car: Any, wind: float, dx: Any, out: Any
 ) -> None:
-    """dx/dt under ``wind`` N: the bench's sum with `car_term` instead of actuators, bolster and platform."""
+    """dx/dt under ``wind`` N: the terms of the bench with `car_term` in place of actuators, bolster and platform."""
     air_spring(mem.time + ahead, x, mem, u, par, dx, out)
     car_term(x, par, car, wind, out, dx)
 
@@ -214,9 +215,9 @@ def ride_on(
     rows: Any,
     algebraics: Any,
 ) -> None:
-    """``steps`` Runge-Kutta steps; ``force`` is that of the wind on half the car in N from now on.
+    """Take ``steps`` Runge-Kutta steps; ``force`` is that of the wind on half the car in N from now on.
 
-    Row k of ``rows`` (CHANNELS) and ``algebraics`` (ALGEBRAICS) is the instant before step k·every, while rows last.
+    Row k of ``rows`` (CHANNELS) and ``algebraics`` (ALGEBRAICS) is the instant before step k·every, up to the last row.
     """
     mem = memory[0]
     par = parameters[0]
@@ -251,7 +252,7 @@ def car_derivative(
 
 @dataclass(frozen=True, slots=True)
 class Ride:
-    """A recorded ride: time in s, `RideChannel` by column, and algebraic quantities (`Algebraic`) if asked for."""
+    """A recorded ride: time in s, `RideChannel` by column, and algebraic quantities (`Algebraic`) if requested."""
 
     time: NDArray[np.float64]
     rows: NDArray[np.float64]
@@ -266,9 +267,9 @@ class Ride:
         return self.algebraic[:, quantity + side]
 
     def lateral_acceleration(self, depth: float = 0.0, gravity: float = 0.0) -> NDArray[np.float64]:
-        """ÿ + d φ̈ + g φ in m/s²: at ``depth`` m below the centre of gravity.
+        """Return ÿ + d φ̈ + g φ in m/s², at ``depth`` m below the centre of gravity.
 
-        With ``gravity`` it is what an accelerometer fixed to the leaning floor reads, without it the motion alone.
+        With ``gravity`` it is the reading of an accelerometer fixed to the inclined floor, without it the motion alone.
         """
         return (
             self.of(RideChannel.LATERAL_ACCELERATION)

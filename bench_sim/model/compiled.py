@@ -1,6 +1,6 @@
-"""How the model's functions are compiled: ahead of use, cached, with the arithmetic of the plain-Python twin.
+"""Compilation of the model's functions: before use, cached, with the same arithmetic as in plain Python.
 
-With ``NUMBA_DISABLE_JIT=1`` functions stay plain Python: the same equations, the model's oracle.
+With ``NUMBA_DISABLE_JIT=1`` functions stay plain Python: the same equations, for comparison.
 """
 
 from collections.abc import Callable
@@ -10,21 +10,21 @@ from bench_protocol.runtime.binding import cached
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """Compile a term or a helper, and copy it into its callers; it must not make arrays."""
+    """Compile a term or a helper, and copy it into its callers. It must not allocate arrays."""
     # Without numba's runtime no array is counted: counting costs five times the arithmetic of a small term.
     return _compile(function, _nrt=False, forceinline=True)
 
 
 def compiled_within(function: Callable[..., Any]) -> Any:
-    """As `compiled`, for a helper around a right-hand side: compiled only as a part of each of its callers.
+    """Compile a helper around a right-hand side, only as a part of each of its callers.
 
-    On its own it would be compiled with everything that the right-hand side contains, and that once more.
+    A separate compilation would compile everything in the right-hand side once more.
     """
     return _compile(function, _nrt=False, inline="always")
 
 
 def compiled_once(function: Callable[..., Any]) -> Any:
-    """As `compiled`, for large functions with several callers: compiled once and called, not copied.
+    """Compile a large function with several callers, which is called, not copied.
 
     numba compiles it with the options of its first caller. If that caller is `compiled`, the function is copied into
     it.
@@ -33,14 +33,14 @@ def compiled_once(function: Callable[..., Any]) -> Any:
 
 
 def compiled_entry(function: Callable[..., Any]) -> Any:
-    """As `compiled`, for the few functions that make their own working arrays and call the others."""
+    """Compile one of the few functions that allocate working arrays and call the others."""
     return _compile(function)
 
 
 def compiled_parallel(function: Callable[..., Any]) -> Any:
-    """As `compiled_entry`, for long calculations that several threads do at once: Python goes on meanwhile.
+    """Compile a long calculation that several threads run at once, without the interpreter lock.
 
-    The rig's tick is not one: to get Python back it would have to wait for anyone who has it then.
+    The rig's tick does not use this, because it would have to wait to get the interpreter lock back.
     """
     return _compile(function, nogil=True)
 

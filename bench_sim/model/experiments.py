@@ -1,6 +1,6 @@
 """Experiments with an imposed motion: the bolster's motion is prescribed and the springs' response recorded.
 
-The terms, the step and the memory are the kernel's; only the bolster's six states are given instead of integrated.
+Terms, step and memory are those of the kernel; only the bolster's six states are prescribed instead of integrated.
 """
 
 from dataclasses import dataclass
@@ -63,7 +63,7 @@ def place_bolster(t: float, motion: Any, x: Any) -> None:
 
 @compiled
 def moved_bench(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
-    """The bench's right-hand side with a prescribed motion of its bolster; ``given`` is the motion alone."""
+    """The bench's right-hand side with a prescribed motion of its bolster; ``given`` holds the motion."""
     place_bolster(mem.time + ahead, given[0], x)
     evaluate(ahead, x, mem, u, par, (), dx, out)
 
@@ -81,9 +81,9 @@ def impose_motion(
     states: Any,
     rows: Any,
 ) -> None:
-    """``steps`` steps with the bolster moved by ``motion``; a fitted pipe divides them as in the kernel.
+    """Take ``steps`` steps with the bolster moved by ``motion``; a pipe divides them as in the kernel.
 
-    Row k of ``rows`` (ALGEBRAICS) and ``states`` (STATES) is the instant before step k·every, while rows last.
+    Row k of ``rows`` (ALGEBRAICS) and ``states`` (STATES) is the instant before step k·every, up to the last row.
     """
     mem = memory[0]
     par = parameters[0]
@@ -149,7 +149,7 @@ def impose(
     dt: float | None = None,
     rows: int | None = None,
 ) -> TimeHistory:
-    """Move the plant's bolster for ``duration`` s from now and record every so many steps (at most ``rows``)."""
+    """Move the plant's bolster for ``duration`` s from now, and record every ``every`` steps (at most ``rows``)."""
     step = plant.dt if dt is None else dt
     steps = round(duration / step)
     count = -(-steps // every) if rows is None else rows

@@ -83,7 +83,7 @@ class Slot(IntEnum):
 
 
 class Hold(IntEnum):
-    """Which displacement of a communication step the springs are given."""
+    """The instant of a communication step whose displacement the springs receive."""
 
     BEGIN = 0  #: they go on with the speed themselves
     MIDDLE = 1
@@ -95,7 +95,7 @@ COMPONENT, SET, STEP, GET, VERSION, INPUT, OUTPUT = range(7)
 
 
 class ExternalSprings(NamedTuple):
-    """Springs from elsewhere; with no one there all is 0. Inputs and outputs of all instances are in one row each."""
+    """The data of external springs; all 0 without any. Inputs and outputs of all instances are in one row each."""
 
     numbers: npt.NDArray[np.int64]  #: `Slot`
     clock: npt.NDArray[np.float64]  #: s: where the present communication step begins, its length, scratch
@@ -120,7 +120,7 @@ class ExternalSprings(NamedTuple):
 
     @classmethod
     def of_size(cls, instances: int, inputs: int, outputs: int) -> "ExternalSprings":
-        """Return a record with room for so many of each, in newly allocated memory."""
+        """Return a record with newly allocated memory for these numbers of instances, inputs and outputs."""
         return cls(*(np.zeros(shape, kind) for shape, kind in layout(instances, inputs, outputs)))
 
 
@@ -159,7 +159,7 @@ def know_outputs(e: Any) -> None:
 
 @compiled
 def _spread(e: Any, share: float, x: Any, par: Any, out: Any) -> None:
-    """Write what the springs do after a ``share`` of the communication step."""
+    """Write the outputs of the springs after a ``share`` of the communication step."""
     atmosphere = par.atmospheric_pressure
     for k in range(e.numbers[Slot.TAKES]):
         value = e.known[0, k] + share * (e.known[1, k] - e.known[0, k])
@@ -175,9 +175,9 @@ def _spread(e: Any, share: float, x: Any, par: Any, out: Any) -> None:
 
 @compiled_once
 def evaluate_around(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
-    """The right-hand side (`bench_sim.model.runge_kutta`) of the bench around springs from elsewhere.
+    """The right-hand side (`bench_sim.model.runge_kutta`) of the bench with external springs.
 
-    ``given`` is `ExternalSprings`, and how much of its communication step has passed and passes within 1 s.
+    ``given`` is `ExternalSprings`, the elapsed share of its communication step, and the share per second.
     """
     e, share, rate = given
     for k in range(_SUMMED):
@@ -196,7 +196,7 @@ def evaluate_around(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any
 
 @compiled
 def _accelerations(x: Any, par: Any, dx: Any) -> tuple[float, float, float]:
-    """Of both springs' mean height, of their roll, and lateral."""
+    """Return the accelerations of the springs' mean height, their roll, and their lateral displacement."""
     vertical = dx[State.BOLSTER_VERTICAL_SPEED] - dx[State.PLATFORM_VERTICAL_SPEED]
     roll = dx[State.BOLSTER_ROLL_SPEED] - dx[State.PLATFORM_ROLL_SPEED]
     lateral = dx[State.BOLSTER_LATERAL_SPEED] + par.centre_height * dx[State.BOLSTER_ROLL_SPEED]
@@ -208,7 +208,7 @@ def _accelerations(x: Any, par: Any, dx: Any) -> tuple[float, float, float]:
 def write_feeds(
     feeds: Any, after: float, after_speed: float, x: Any, u: Any, par: Any, dx: Any, out: Any
 ) -> None:
-    """Write what can be fed (FEEDS), with displacements and speeds so long after the slope ``dx`` was taken."""
+    """Write the possible inputs of springs (FEEDS); displacements and speeds are extrapolated from the slope ``dx``."""
     vertical, roll, lateral = _accelerations(x, par, dx)
     for i in range(2):
         a = vertical + (1.0 - 2.0 * i) * par.spring_half_spacing * roll
@@ -235,9 +235,9 @@ def write_feeds(
 
 @compiled
 def feed_inputs(e: Any, x: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
-    """Write what the instances are reported, from the slope ``dx`` at the beginning of the communication step.
+    """Write the inputs of the instances, from the slope ``dx`` at the beginning of the communication step.
 
-    Who goes on with a speed alone is given its mean over the step.
+    Springs that extrapolate with a speed alone get the mean speed of the step.
     """
     T, n = e.clock[1], e.numbers
     hold = 0.5 * n[Slot.HOLD] * T
@@ -251,7 +251,7 @@ def feed_inputs(e: Any, x: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
 
 @compiled
 def let_air_in(e: Any, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
-    """The air that the valves of the bench let in and out, which ``dx`` then holds for the auxiliary chambers."""
+    """Add the air flow through the valves of the bench to ``dx`` of the auxiliary chambers."""
     if e.numbers[Slot.VALVES] == 0:
         return
     for i in range(2):

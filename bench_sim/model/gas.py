@@ -27,7 +27,7 @@ def pressure(energy: float, volume: float, kappa: float) -> float:
 
 @compiled
 def enthalpy_per_kelvin(par: Any) -> float:
-    """c_p = κ R/(κ−1) in J/(kg K): what a flow carries per kilogram and kelvin."""
+    """c_p = κ R/(κ−1) in J/(kg K), the enthalpy of a flow per kilogram and kelvin."""
     kappa = par.heat_capacity_ratio
     return kappa / (kappa - 1.0) * par.gas_constant
 
@@ -46,10 +46,10 @@ def mass_of(pressure: float, volume: float, T: float, R: float) -> float:
 
 @compiled
 def density_factor(density: float, known_density: float, known_factor: float, par: Any) -> float:
-    """(ρ/ρ_ref)^n, the exponent being that of turbulent natural convection, a guess.
+    """(ρ/ρ_ref)^n, with the assumed exponent of turbulent natural convection.
 
-    Within a step the density hardly leaves the ``known_density`` at its start, and its series costs a fifth of the
-    power.
+    Within a step the density hardly differs from ``known_density`` at its start, and the series takes a fifth of the
+    time of the power.
     """
     n = par.heat_density_exponent
     if abs(density - known_density) < 0.01 * known_density:
@@ -59,14 +59,14 @@ def density_factor(density: float, known_density: float, known_factor: float, pa
 
 @compiled
 def density_series(ratio: float, factor: float, n: float) -> float:
-    """``factor`` f (1+ε)^n = f (1 + nε + n(n−1)/2 ε² + n(n−1)(n−2)/6 ε³), 1e-9 close where ``ratio`` is 1+ε."""
+    """``factor`` f (1+ε)^n = f (1 + nε + n(n−1)/2 ε² + n(n−1)(n−2)/6 ε³), accurate to 1e-9; ``ratio`` is 1+ε."""
     e = ratio - 1.0
     return factor * (1.0 + n * e * (1.0 + 0.5 * (n - 1.0) * e * (1.0 + (n - 2.0) / 3.0 * e)))
 
 
 @compiled
 def upstream_enthalpy(flow: float, T_1: float, T_2: float, c_p: float) -> float:
-    """c_p T in J/kg of the side that a ``flow`` from 1 to 2 leaves."""
+    """c_p T in J/kg of the upstream side of a ``flow`` from 1 to 2."""
     return c_p * (T_1 if flow > 0.0 else T_2)
 
 
@@ -84,9 +84,9 @@ def wall_speed(heat: float, wall: float, outer: float, ambient: float, per_capac
 
 @compiled
 def transfer(dx: Any, source: int, sink: int, flow: float, enthalpy: float) -> None:
-    """Move ``flow`` kg/s with ``enthalpy`` J/kg between two chambers given by the places of their masses.
+    """Move ``flow`` kg/s with ``enthalpy`` J/kg between two chambers, given by the places of their masses.
 
-    The energy of a chamber stands two places behind its mass (`State`).
+    The energy of a chamber is two places after its mass (`State`).
     """
     dx[source] -= flow
     dx[sink] += flow
@@ -98,9 +98,9 @@ def transfer(dx: Any, source: int, sink: int, flow: float, enthalpy: float) -> N
 def wall_heat(
     x: Any, par: Any, side: int, mass_state: int, wall_state: int, T: float, hS: float, dx: Any
 ) -> float:
-    """Heat from the wall into the gas in W, and what it does to the wall (`wall_speed`).
+    """Return the heat from the wall into the gas in W, and add its effect on the wall (`wall_speed`).
 
-    A wall without heat capacity (0 J/K) stays at the temperature at which it began (`bench_sim.model.rest`).
+    A wall without heat capacity (0 J/K) keeps its initial temperature (`bench_sim.model.rest`).
     """
     heat = heat_inward(hS, x[wall_state], T)
     dx[mass_state + 2] += heat
@@ -143,7 +143,7 @@ def heat_term(x: Any, mem: Any, par: Any, out: Any, dx: Any) -> None:
 
 @compiled
 def note_densities(x: Any, mem: Any, par: Any, out: Any) -> None:
-    """Keep the densities at the start of a step, and their factors, once they have moved."""
+    """Store the densities at the start of a step, and their factors, if they have changed."""
     for i in range(2):
         keep_density(mem, par, i, x[State.BELLOWS_MASS + i] / out[Algebraic.VOLUME + i])
         keep_density(mem, par, 2 + i, x[State.AUXILIARY_MASS + i] / par.auxiliary_volume[i])
@@ -151,13 +151,13 @@ def note_densities(x: Any, mem: Any, par: Any, out: Any) -> None:
 
 @compiled
 def has_moved(density: float, known: float) -> bool:
-    """Whether a density is a thousandth away from where its factor is known."""
+    """Return whether a density differs by more than a thousandth from the one with a known factor."""
     return bool(abs(density - known) > 1e-3 * density)
 
 
 @compiled
 def keep_density(mem: Any, par: Any, chamber: int, density: float) -> None:
-    """Expand again when the density is a thousandth away from where the factor is known."""
+    """Compute the factor again if the density differs by more than a thousandth from the one with a known factor."""
     if has_moved(density, mem.heat_density[chamber]):
         mem.heat_density[chamber] = density
         mem.heat_factor[chamber] = (density / par.heat_reference_density) ** par.heat_density_exponent

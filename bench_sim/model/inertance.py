@@ -1,16 +1,16 @@
-"""The air in a short connection: its inertia holds the flow back behind what the orifice would pass at once.
+"""The inertia of the air in a short connection, which delays the flow through the orifice.
 
     I dG/dt = Δp − Δp_loss(G) = R (G_s − G),   I = L/A_p,   Δp_loss(G_s) = Δp
 
 G_s is the steady flow and R the secant of the loss between G and G_s. The flow is not a state but G = G_s − D, where
 the missing flow D follows dD/dt = dG_s/dt − (R/I) D. From the start of a step (D₀, G_s0) to an instant h later it is
-solved for a G_s that is linear in between,
+solved for a linear G_s,
 
     D = e^(−z) D₀ + (1 − e^(−z))/z · (G_s − G_s0),   z = h R/I
 
-so that no step is too long for a small inertance: D → I/R · dG_s/dt, linear in I down to zero. R belongs to the steady
-flow now and the flow at the start of the step; of what the inertia of 1 m does, 0.5 % is lost at 1 ms and 3 % at
-2.5 ms. The loss is that of the orifice: `bench_sim.model.pipe` has that of a long pipe next to it, for shorter steps.
+so that no step is too long for a small inertance: D → I/R · dG_s/dt, linear in I down to zero. R is that of the present
+steady flow and the flow at the start of the step. For an inertia of 1 m the error is 0.5 % at a step of 1 ms and 3 % at
+2.5 ms. The loss is only that of the orifice; `bench_sim.model.pipe` adds that of a long pipe, with shorter steps.
 """
 
 from math import exp, expm1
@@ -22,7 +22,7 @@ from bench_sim.model.orifice import mass_flow, nozzle_function
 
 @compiled
 def loss(flow: float, laminar: float, k: float) -> float:
-    """Δp_loss in Pa: that of the orifice, quadratic with ``k``, or linear with ``laminar`` where that is more."""
+    """Δp_loss in Pa: that of the orifice, quadratic with ``k``, or linear with ``laminar`` if that is larger."""
     return flow * max(laminar, k * abs(flow))
 
 
@@ -48,7 +48,9 @@ def loss_secant(
 
 @compiled
 def held_back(ahead: float, missing: float, rise: float, rate: float) -> float:
-    """D after ``ahead`` s: of ``missing`` kg/s at first, while the steady flow rises by ``rise``; ``rate`` is R/I."""
+    """D after ``ahead`` s, from ``missing`` kg/s at the start and a rise of the steady flow by ``rise``; ``rate`` is
+    R/I.
+    """
     z = rate * ahead
     ramp = -expm1(-z) / z if z > 1e-12 else 1.0
     return exp(-z) * missing + ramp * rise
@@ -68,6 +70,6 @@ def missing_flow(
     inertance: float,
     par: Any,
 ) -> float:
-    """D in kg/s, ``ahead`` s after the start of a step at which the flows were noted; ``inertance`` in 1/m."""
+    """D in kg/s, ``ahead`` s after the start of a step with the noted flows; ``inertance`` in 1/m."""
     rate = loss_secant(steady, noted_steady - noted_missing, p_b, T_b, p_a, T_a, area, par) / inertance
     return held_back(ahead, noted_missing, steady - noted_steady, rate)

@@ -1,8 +1,8 @@
 """The bench: its right-hand side as a sum of terms, its fixed step, and one sampling of its sensors.
 
 ``x`` is the state vector (`State`), ``mem`` the memory record (`quantities.MEMORY`), ``u`` the inputs (`Input`),
-``par`` the parameter record (`quantities.PARAMETERS`). What changes abruptly (latches, friction reversals, delayed
-set-points) is in ``mem`` and is constant within a step; an effect adds its own term to `air_spring` or here.
+``par`` the parameter record (`quantities.PARAMETERS`). Discontinuous quantities (latches, friction reversals, delayed
+set-points) are in ``mem`` and constant within a step. Effects add their terms to `air_spring` or here.
 """
 
 from typing import Any
@@ -32,7 +32,7 @@ def evaluate(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: A
 
 @compiled_entry
 def derivative(t: float, x: Any, mem: Any, u: Any, par: Any, dx: Any) -> None:
-    """dx/dt alone at ``t`` s, for integrators that choose their own steps; ``mem`` stays as it is."""
+    """dx/dt alone at ``t`` s, for integrators that choose their own steps; ``mem`` does not change."""
     dx[:] = 0.0
     evaluate(t - mem.time, x, mem, u, par, (), dx, np.empty(ALGEBRAICS))
 
@@ -41,7 +41,7 @@ def derivative(t: float, x: Any, mem: Any, u: Any, par: Any, dx: Any) -> None:
 def begin_step(
     slope: Any, x: Any, mem: Any, u: Any, par: Any, given: Any, dt: float, dx: Any, out: Any, values: Any
 ) -> None:
-    """Everything that happens to a bench once per step, and the slope at its start."""
+    """Do the actions of the bench once per step, and compute the slope at its start."""
     command_actuators(x, mem, u, par, dt)
     begin(slope, x, mem, u, par, given, dx, out)
     true_values(x, mem, par, out, values)
@@ -60,7 +60,7 @@ def step(
     out: Any,
     values: Any,
 ) -> None:
-    """One fixed step in place by its ``scheme`` (`step_scheme`); the rest is the caller's working memory.
+    """Take one fixed step in place by its ``scheme`` (`step_scheme`), in the caller's working memory.
 
     Shapes: ``work`` (5, STATES), ``out`` (ALGEBRAICS), ``values`` (SENSORS).
     """
@@ -71,14 +71,14 @@ def step(
 
 @compiled_once
 def observe(x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any, values: Any) -> None:
-    """Slope, algebraic quantities and ideal readings of the present state; changes nothing else."""
+    """Compute slope, algebraic quantities and ideal readings of the present state; nothing else changes."""
     evaluate(0.0, x, mem, u, par, (), dx, out)
     true_values(x, mem, par, out, values)
 
 
 @compiled_entry
 def measure(x: Any, mem: Any, u: Any, par: Any, counter: int, readings: Any) -> None:
-    """Readings of all sensors at this instant (SI, `Sensor`); changes nothing else, so it may be called at any rate."""
+    """Write the readings of all sensors (SI, `Sensor`). Nothing else changes, so it may be called at any rate."""
     values = np.empty(SENSORS)
     observe(x, mem, u, par, np.empty(STATES), np.empty(ALGEBRAICS), values)
     read_sensors(mem, par, values, counter, readings)
@@ -86,7 +86,7 @@ def measure(x: Any, mem: Any, u: Any, par: Any, counter: int, readings: Any) -> 
 
 @compiled_entry
 def advance_plant(x: Any, memory: Any, u: Any, parameters: Any, dt: float, steps: int) -> None:
-    """Take ``steps`` fixed steps in place with constant inputs; a fitted pipe divides each step (`pipe_steps`).
+    """Take ``steps`` fixed steps in place with constant inputs; a pipe divides each step (`pipe_steps`).
 
     Both records are passed as arrays of one element, because numba takes these from Python ten times faster than
     records.
@@ -102,5 +102,5 @@ def advance_plant(x: Any, memory: Any, u: Any, parameters: Any, dt: float, steps
 
 @compiled_entry
 def measure_plant(x: Any, memory: Any, u: Any, parameters: Any, counter: int, readings: Any) -> None:
-    """`measure` with both records in arrays of one."""
+    """Write the readings like `measure`, with both records in arrays of one."""
     measure(x, memory[0], u, parameters[0], counter, readings)

@@ -1,7 +1,7 @@
-"""Where every number of the plant stands: its inputs, its sensors, its continuous states, its two sides.
+"""The indices of all numbers of the plant: inputs, sensors, continuous states, sides.
 
-Each numbering is an ``IntEnum``: its members index plain arrays in Python and are constants for numba.
-Quantities that exist on both sides are in pairs; ``State.BELLOWS_MASS + side`` picks one.
+Each numbering is an ``IntEnum``: its members index plain arrays in Python and are constants for numba. Quantities that
+exist on both sides are in pairs; ``State.BELLOWS_MASS + side`` selects one.
 """
 
 from enum import IntEnum

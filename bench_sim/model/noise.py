@@ -1,6 +1,6 @@
-"""Noise without chance: a normal variate computed from a seed, a counter and a channel by an integer hash.
+"""Deterministic noise: a normal variate computed from a seed, a counter and a channel by an integer hash.
 
-The hash works on 32 bits inside signed 64-bit integers, so that compiled and plain Python wrap alike.
+The hash works on 32 bits inside signed 64-bit integers, so that compiled and plain Python give the same result.
 """
 
 from math import cos, log, pi, sqrt

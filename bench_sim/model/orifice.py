@@ -15,7 +15,7 @@ def nozzle_function(r: float, kappa: float) -> float:
     """ψ(r) = √(2κ/(κ−1) · (r^{2/κ} − r^{(κ+1)/κ})), held at its maximum below the critical ratio.
 
     ``r`` is downstream over upstream absolute pressure, 0 … 1. With q = r^{1/κ} the bracket is q (q − r), and the
-    maximum lies where q = (κ+1) r / 2, so one power decides and evaluates.
+    maximum is at q = (κ+1) r / 2, so one power is enough for the test and the value.
     """
     q = r ** (1.0 / kappa)
     if q > 0.5 * (kappa + 1.0) * r:
@@ -32,7 +32,7 @@ def nozzle_constant(kappa: float) -> float:
 
 @compiled
 def nozzle_root(q: float, r: float, constant: float) -> float:
-    """ψ from q = r^{1/κ} and `nozzle_constant`, where the nozzle is not choked."""
+    """ψ from q = r^{1/κ} and `nozzle_constant`, for a nozzle that is not choked."""
     return sqrt(constant * max(q * (q - r), 0.0))
 
 
@@ -50,7 +50,7 @@ def mass_flow(area: float, p_up: float, T_up: float, R: float, psi: float) -> fl
 
 @compiled
 def upstream(p_1: float, T_1: float, p_2: float, T_2: float) -> tuple[float, float, float, float]:
-    """Sense of a flow from 1 to 2 (1 or −1), pressure and temperature of the side that it leaves, and p_down."""
+    """Return the sense of a flow from 1 to 2 (1 or −1), pressure and temperature of the upstream side, and p_down."""
     forward = p_1 >= p_2
     return 1.0 if forward else -1.0, max(p_1, p_2), T_1 if forward else T_2, min(p_1, p_2)
 
@@ -130,7 +130,9 @@ def reynolds_factor(Re: float, k: float) -> float:
 
 @compiled
 def one_way(asymmetry: float, outward: float) -> float:
-    """By how much an orifice passes more air out of the bellows than on average, or less into it."""
+    """Return the factor of the flow by the direction: an asymmetric orifice passes more air out of the bellows than
+    into it.
+    """
     return 1.0 + asymmetry * (1.0 if outward > 0.0 else -1.0)
 
 

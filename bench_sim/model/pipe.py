@@ -2,21 +2,22 @@
 
     dG/dt = (A_p/L_p) (p_b − p_a − Δp),   Δp = R T_u/p_u · (1/(2 ε² (C_d A)²) + f L_p/(2 A_p² D_p)) G|G|
 
-G is the mass flow from the bellows, p_u and T_u belong to the chamber that the air leaves. ε² (`expansion`) makes the
-steady flow equal to that of the nozzle, choking included; without it nearly twice the choked flow would leave a full
-spring. The column moves as one piece, which holds well below the quarter wave of the pipe (57 Hz at 1.5 m); the air in
-it (3 litres) and its kinetic energy (some joules) are left out, so that the chambers alone hold all mass and energy.
+G is the mass flow from the bellows, p_u and T_u are those of the upstream chamber. ε² (`expansion`) makes the steady
+flow equal to that of the nozzle, including choking; without it the flow from a full spring would be nearly twice the
+choked flow. The column moves as one piece, which is valid well below the quarter-wave frequency of the pipe (57 Hz at
+1.5 m). The air in it (3 litres) and its kinetic energy (some joules) are neglected, so that the chambers hold all mass
+and energy.
 
-G|G| has a slope of zero at rest: unlike an orifice alone, whose flow leaps with √Δp, a pipe needs no laminar zone.
-The equation is stiff at high flow. The loss pulls G towards its balance at the rate
+G|G| has a slope of zero at rest: an orifice alone has an infinite slope from √Δp, but a pipe needs no laminar zone. The
+equation is stiff at high flow. The loss brings G to its balance at the rate
 
     λ = 2 (A_p/L_p) Δp/G = 2 (A_p/L_p) √(R T_u) (1−r)/(C_d A ψ(r)),   r = p_down/p_up
 
-A bellows moved by 10 mm at 25 Hz (1 − r = 0.12) makes that 2300/s with a plate of 13 mm and 3900/s with 10 mm; a full
-spring before an empty chamber 19000/s with 10 mm, and a valve that closes anything. The step of 1 ms is therefore
-divided (`pipe_steps`) until a piece times ``PIPE_RATE`` is 2, where the fourth-order Runge-Kutta method is stable up to
-2.78. Faster rates are limited to that rate, for drive and loss alike, so that the balance stays the same. The inertia
-of a flow that settles in an eighth of a millisecond is negligible.
+For a bellows moved by 10 mm at 25 Hz (1 − r = 0.12) the rate is 2300/s with a plate of 13 mm and 3900/s with 10 mm; for
+a full spring with an empty chamber 19000/s with 10 mm; for a closing valve it has no limit. The step of 1 ms is
+therefore divided (`pipe_steps`) until a piece times ``PIPE_RATE`` is 2, where the fourth-order Runge-Kutta method is
+stable up to 2.78. Faster rates are limited to that rate, for drive and loss alike, so that the balance stays the same.
+The inertia of a flow that settles in an eighth of a millisecond is negligible.
 """
 
 from math import ceil, pi, sqrt
@@ -33,7 +34,7 @@ _REACH: Final = 2.0
 
 @compiled
 def pipe_steps(par: Any, dt: float) -> int:
-    """Equal Runge-Kutta steps that make one step of ``dt`` s: 1 without a pipe."""
+    """Return the number of equal Runge-Kutta steps for one step of ``dt`` s: 1 without a pipe."""
     if par.pipe_length[0] == 0.0 and par.pipe_length[1] == 0.0:
         return 1
     return ceil(PIPE_RATE * dt / _REACH - 1e-9)
@@ -43,7 +44,7 @@ def pipe_steps(par: Any, dt: float) -> int:
 def expansion(r: float, kappa: float) -> float:
     """ε² = ψ²(r)/(2 (1−r)): the nozzle's flow over the incompressible one, squared; 1 at r = 1.
 
-    Close to 1, where both vanish, its series 1 − 3 (1−r)/(2κ) represents it.
+    Near r = 1, where both terms vanish, the series 1 − 3 (1−r)/(2κ) is used.
     """
     if r > 0.999:
         return 1.0 - 1.5 * (1.0 - r) / kappa

@@ -1,4 +1,4 @@
-"""The plant as one object: its state in one place, steps, readings, snapshots, and the two states it starts from."""
+"""The plant as one object: its state, steps, readings, snapshots, and the two initial states."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ STEP = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """Everything that changes in a plant, as copies; valid for plants with the same layout."""
+    """Copies of all variables of a plant; valid for plants with the same layout."""
 
     state: NDArray[np.float64]
     inputs: NDArray[np.float64]
@@ -44,8 +44,8 @@ class Snapshot:
 class Plant:
     """The bench with one parameter record (``bench_sim.parameters.Parameters.record``).
 
-    ``state`` (`State`), ``inputs`` (`Input`) and ``memory`` are all there is to know; ``inputs`` may be written at any
-    time and holds until written again. The plant has no chance in it: ``seed`` picks the noise.
+    ``state`` (`State`), ``inputs`` (`Input`) and ``memory`` are the complete state; ``inputs`` may be written at any
+    time and keeps its values. The plant is deterministic: ``seed`` determines the noise.
     """
 
     def __init__(self, parameters: Any, *, seed: int = 0, dt: float = STEP) -> None:
@@ -116,7 +116,7 @@ class Plant:
         pressure: NDArray[np.float64],
         supply: float,
     ) -> None:
-        """Put the bolster at the given spring heights (`settle_bench`), with sensors that have seen it for ever."""
+        """Place the bolster at the given spring heights (`settle_bench`), with settled sensors."""
         par, x, mem = self.parameters, self.state, self.memory
         settle_bench(x, mem, par, bellows, height, pressure, supply)
         observe(x, mem, self.inputs, par, self._slope, self._algebraic, self._values)
@@ -141,7 +141,7 @@ class Plant:
         return readings
 
     def ideal(self) -> NDArray[np.float64]:
-        """Return what sensors without any fault or lag would read, in the order of `Sensor`."""
+        """Return the readings of sensors without faults and lags, in the order of `Sensor`."""
         observe(
             self.state, self.memory, self.inputs, self.parameters, self._slope, self._algebraic, self._values
         )
@@ -159,7 +159,7 @@ class Plant:
         return result | {sensor.name.lower(): float(values[sensor]) for sensor in Sensor}
 
     def valid(self) -> bool:
-        """Show whether the model claims to hold here: κ₀+κ₁ζ_b > 0, no vacuum beyond half an atmosphere."""
+        """Return whether the model is valid here: κ₀+κ₁ζ_b > 0, no vacuum beyond half an atmosphere."""
         self.ideal()
         par = self.parameters
         for side in range(SIDES):
@@ -171,11 +171,11 @@ class Plant:
         return bool(np.isfinite(self.state).all())
 
     def snapshot(self) -> Snapshot:
-        """Return everything that changes; `restore` brings it back bit for bit."""
+        """Return copies of all variables; `restore` restores them bit for bit."""
         return Snapshot(self.state.copy(), self.inputs.copy(), self.memory_array.copy(), self.counter)
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go back (or over) to a snapshot."""
+        """Set the variables to those of a snapshot, also of another plant."""
         self.state[:] = snapshot.state
         self.inputs[:] = snapshot.inputs
         self.memory_array[:] = snapshot.memory

@@ -22,7 +22,7 @@ from bench_sim.model.layout import (
 
 
 class Lanes(Flag):
-    """What a quantity is for the lanes, in which the diagnosis integrates many springs at once."""
+    """The use of a quantity in the lanes, in which the diagnosis integrates many springs at once."""
 
     #: Where it has not its default, or is not 0, the bench's own equations replay: right, and slower.
     UNKNOWN = 0
@@ -37,7 +37,7 @@ class Lanes(Flag):
 class Quantity:
     """One parameter: ``shape`` () is a scalar, (2,) differs between left and right, (3,) between actuators.
 
-    One with a ``default`` may be left out of a parameter file; then ``low`` and ``high`` bound it.
+    A quantity with a ``default`` may be missing in a parameter file; then ``low`` and ``high`` are its limits.
     """
 
     name: str
@@ -64,7 +64,7 @@ def _off(
     shape: tuple[int, ...] = (),
     lanes: Lanes = Lanes.UNKNOWN,
 ) -> tuple[Quantity, ...]:
-    """What a healthy bench does not have: left out of the parameter files, where its effect sets it."""
+    """Return quantities that a sound bench does not have: missing in the parameter files, and set by an effect."""
     return tuple(Quantity(name, unit, shape, default, low, high, lanes) for name in names)
 
 
@@ -276,7 +276,7 @@ QUANTITIES: Final = PLANT_QUANTITIES + SENSOR_QUANTITIES
 
 
 def in_lanes(part: Lanes) -> tuple[str, ...]:
-    """Return the quantities that are this for the lanes."""
+    """Return the names of the quantities with this use in the lanes."""
     return tuple(one.name for one in QUANTITIES if part in one.lanes)
 
 

@@ -1,8 +1,8 @@
-"""A replay: the springs are moved as was measured, and the model predicts what their sensors read.
+"""A replay: the springs follow the measured motion, and the model predicts the readings of their sensors.
 
-Bolster and platform go where they were seen to go, so their inertia, the actuators and the table take no part: each
-side's gas, rubber and sensors are predicted from the motion alone, and a mistake in one does not move the others.
-What the actuators must have done follows from Newton's law for the bolster, whose acceleration comes with its motion.
+Bolster and platform have their measured positions, so their inertia, the actuators and the table are not simulated.
+Gas, rubber and sensors of each side are predicted from the motion alone, and an error on one side does not affect the
+other. The actuator forces follow from Newton's law for the bolster, whose acceleration is known from its motion.
 """
 
 from math import ceil
@@ -47,7 +47,7 @@ _ROUNDS: Final = 30
 
 @compiled
 def hermite(part: float, rise: float, start: float, end: float) -> float:
-    """By how much Hermite's cubic has risen a ``part`` (0 … 1) of an interval after its start.
+    """Return the rise of Hermite's cubic from the start of an interval to a ``part`` (0 … 1) of it.
 
     ``rise`` is that over the interval, ``start`` and ``end`` are its slopes times the interval.
     """
@@ -57,7 +57,7 @@ def hermite(part: float, rise: float, start: float, end: float) -> float:
 
 @compiled
 def place(n: int, part: float, motion: Any, x: Any) -> None:
-    """Put bolster and platform where Hermite's cubic has them, a ``part`` (0 … 1) of an interval after sample n."""
+    """Place bolster and platform on Hermite's cubic, a ``part`` (0 … 1) of an interval after sample n."""
     q = motion.displacement
     if part == 0.0:  # at the sample itself, where most readings are made
         for k in range(DIRECTIONS):
@@ -81,10 +81,10 @@ def place(n: int, part: float, motion: Any, x: Any) -> None:
 
 @compiled_once
 def moved_springs(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
-    """The right-hand side of the springs alone (`bench_sim.model.runge_kutta`), between plates that a motion moves.
+    """The right-hand side of the springs alone (`bench_sim.model.runge_kutta`), between plates with a given motion.
 
-    ``given`` says where in the motion it is: sample, part of the interval after it, motion. Forces on the bolster
-    gather in the derivatives of its speeds.
+    ``given`` is the sample, the part of the interval after it, and the motion. Forces on the bolster are summed in the
+    derivatives of its speeds.
     """
     n, part, motion = given
     place(n, part + ahead / motion.interval, motion, x)
@@ -94,9 +94,9 @@ def moved_springs(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, 
 
 @compiled
 def between(n: int, part: float, motion: Any, k: int) -> float:
-    """An acceleration a ``part`` of an interval after sample n, on the cubic spline through the samples.
+    """Return an acceleration a ``part`` of an interval after sample n, on the cubic spline through the samples.
 
-    Half-way between samples of 5 ms at 12.5 Hz it is off by (ωh)⁴/384 = 0.006 %; a straight line would be by 2 %.
+    Half-way between samples of 5 ms at 12.5 Hz its error is (ωh)⁴/384 = 0.006 %; linear interpolation has 2 %.
     """
     before = motion.acceleration[n, k]
     if part == 0.0:
@@ -135,11 +135,11 @@ def balance(n: int, part: float, motion: Any, x: Any, par: Any, dx: Any, out: An
 
 @compiled_once
 def settle(x: Any, mem: Any, par: Any, gas: Any, before: Any, out: Any) -> None:
-    """Fill the chambers where the bolster stands at rest.
+    """Fill the chambers, with the bolster at rest at its present position.
 
-    The rubber is relaxed but for what it remembers of ``before`` (`Before`).
-    ζ_b = ζ + q + (F_z−P)/k_z and y_b = y + F_y/k_y are found by Newton's method at constant pressure, for that is
-    given and not the energy: also where the plate sits on the emergency spring, which is as stiff again.
+    The rubber is relaxed, except for the memory in ``before`` (`Before`). ζ_b = ζ + q + (F_z−P)/k_z and y_b = y +
+    F_y/k_y are solved by Newton's method at constant pressure, because the pressure is given and not the energy. This
+    also works if the plate sits on the emergency spring, which doubles the stiffness.
     """
     pressure, temperature = gas.pressure, gas.temperature
     for i in range(SIDES):
@@ -190,10 +190,11 @@ def replay_samples(
     readings: Any,
     rows: Any,
 ) -> None:
-    """Settle at the first sample, go on to the last by ``steps`` steps an interval, and look at every one.
+    """Settle at the first sample, integrate to the last with ``steps`` steps per interval, and write readings at each
+    sample.
 
-    Shapes, n samples: ``inputs`` (n, INPUTS), ``supply`` (n), ``readings`` (n, SENSORS), ``rows`` (n or 0, ALGEBRAICS);
-    ``parameters`` (m), each ``since`` (m) a sample, the first one since the first.
+    Shapes, n samples: ``inputs`` (n, INPUTS), ``supply`` (n), ``readings`` (n, SENSORS), ``rows`` (n or 0, ALGEBRAICS).
+    ``parameters`` (m) apply from the samples ``since`` (m) on; the first one from sample 0.
     """
     mem = memory[0]
     par = parameters[0]
@@ -239,7 +240,7 @@ def replay_samples(
 
 
 class Motion(NamedTuple):
-    """Where bolster and platform were every ``interval`` s, joined by cubics; compiled code takes it as it is."""
+    """Positions of bolster and platform every ``interval`` s, joined by cubics; passed directly to compiled code."""
 
     interval: float
     displacement: NDArray[np.float64]  #: (n, DIRECTIONS), m and rad
@@ -263,7 +264,7 @@ class Motion(NamedTuple):
         return cls(interval, *(np.ascontiguousarray(rows, dtype=np.float64) for rows in samples))
 
     def accelerated(self, direction: int, acceleration: NDArray[np.float64]) -> "Motion":
-        """Return the same motion with an ``acceleration`` (n,) in one direction that was measured by itself."""
+        """Return the motion with a separately measured ``acceleration`` (n,) in one direction."""
         if acceleration.shape != (len(self.displacement),) or not np.isfinite(acceleration).all():
             raise ValueError(
                 f"an acceleration has shape {acceleration.shape} and {np.isnan(acceleration).sum()} gaps (NaN); "
@@ -292,7 +293,7 @@ class Before(NamedTuple):
 
     @classmethod
     def at_rest(cls) -> "Before":
-        """Return that of rubber which has stood there for ever."""
+        """Return the state of fully relaxed rubber."""
         return cls(np.zeros(SIDES), np.zeros((EXTRA_BRANCHES, EXTRA_DASHPOTS)))
 
 
@@ -322,9 +323,9 @@ def replay(
     over each interval, ``supply`` (n) the absolute pressure behind the main valve in Pa. The replay starts at rest with
     relaxed rubber, except for the deformation that the rubber remembers from ``before``. It starts ``start`` s after
     the bench was switched on; sensors drift from that moment. The steps are equal parts of an interval, at most
-    ``step`` s long. ``rows`` (n, ALGEBRAICS) is filled with the algebraic variables behind the readings. At its
-    ``changes`` masses, energies and dash-pots stay the same, and new drifts start there. A reading that is delayed
-    after a change must have a delay, however small, from the start. Other threads run meanwhile.
+    ``step`` s long. ``rows`` (n, ALGEBRAICS) is filled with the algebraic variables behind the readings. At ``changes``
+    masses, energies and dash-pots are kept, and new drifts start there. A reading with a delay after a change must have
+    a small delay from the start. Other threads run meanwhile.
     """
     if not 0.0 < step <= STEP:
         raise ValueError(
@@ -362,7 +363,7 @@ def replay(
 
 
 def _drift_from(times: NDArray[np.float64], records: Any) -> None:
-    """Let what drifts in ``records`` (m,), and a clock that runs slowly, do so from ``times`` (m,) s on."""
+    """Let drifts and a slow clock in ``records`` (m,) start at ``times`` (m,) s."""
     for rate, start in DRIFTS:
         more = np.diff(records[rate], axis=0, prepend=records[rate][:1])
         records[start] -= np.cumsum((times * more.T).T, axis=0)

@@ -19,13 +19,13 @@ from bench_sim.model.sensors import prepare_lags
 
 @compiled
 def settled_temperature(par: Any) -> float:
-    """Temperature in K of walls and air where a run begins: by ``wall_temperature_offset`` above the surroundings."""
+    """Return the temperature (K) of walls and air at the start of a run: ambient plus ``wall_temperature_offset``."""
     return par.ambient_temperature + par.wall_temperature_offset
 
 
 @compiled
 def fill_chamber(x: Any, par: Any, place: int, pressure: float, volume: float, temperature: float) -> None:
-    """Put gas into the chamber whose mass stands at ``place`` (BELLOWS_MASS or AUXILIARY_MASS + side)."""
+    """Put gas into the chamber whose mass is at ``place`` (BELLOWS_MASS or AUXILIARY_MASS + side)."""
     x[place] = mass_of(pressure, volume, temperature, par.gas_constant)
     x[place + 2] = energy_of(pressure, volume, par.heat_capacity_ratio)
 
@@ -64,7 +64,7 @@ def hold_back(x: Any, side: int, behind: Any) -> None:
 
 @compiled
 def settle_sensors(mem: Any, par: Any, values: Any, dt: float) -> None:
-    """Let every sensor have seen its present value for ever."""
+    """Set every sensor to the steady state for its present value."""
     prepare_lags(mem, par, dt)
     for k in range(SENSORS):
         mem.sensor_output[k] = values[k]

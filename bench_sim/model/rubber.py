@@ -15,8 +15,8 @@ from bench_sim.model.layout import BRANCHES, EXTRA_BRANCHES, EXTRA_DASHPOTS, EXT
 def friction_curve(x: float, origin: float, level: float, travel: float) -> tuple[float, float]:
     """Normalised friction force F/F_max and its slope, Berg (1998).
 
-    From the last reversal (``origin``, ``level`` = F_s/F_max) with x₂ = ``travel``:
-    x > x_s: f = α + (x−x_s)/(x₂(1−α) + x−x_s) · (1−α); x < x_s the same with the signs turned.
+    From the last reversal (``origin``, ``level`` = F_s/F_max) with x₂ = ``travel``: x > x_s: f = α + (x−x_s)/(x₂(1−α) +
+    x−x_s) · (1−α); x < x_s the same with reversed signs.
     """
     s = x - origin
     sense = 1.0 if s >= 0.0 else -1.0
@@ -67,7 +67,7 @@ def extra_pull(
 ) -> tuple[float, float]:
     """Force in N and tangent stiffness in N/m of the extra branches and friction elements of one bellows.
 
-    ``direction`` is 0 vertical, 1 lateral. All elements turn where the spring's own friction turns.
+    ``direction`` is 0 vertical, 1 lateral. All elements reverse together with the spring's own friction.
     """
     ratios = 0.0
     held = 0.0
@@ -95,7 +95,7 @@ def extra_pull(
 
 @compiled
 def maxwell_term(x: Any, par: Any, out: Any, dx: Any) -> None:
-    """dw_j/dt = (x_b − w_j)/τ_j for every branch, spring and direction, and what it does to the forces."""
+    """Add dw_j/dt = (x_b − w_j)/τ_j for every branch, spring and direction, and its effect on the forces."""
     for i in range(2):
         vertical_rate = 0.0
         lateral_rate = 0.0
@@ -128,7 +128,7 @@ def maxwell_term(x: Any, par: Any, out: Any, dx: Any) -> None:
 
 @compiled
 def creep_term(x: Any, par: Any, out: Any, dx: Any) -> None:
-    """The emergency spring creeps together by q under the force that it carries (`creep_speed`)."""
+    """Add the creep q of the emergency spring under its force (`creep_speed`)."""
     for i in range(2):
         if par.creep_ratio[i] != 0.0:
             gain = par.creep_ratio[i] / par.emergency_stiffness_vertical[i]
@@ -140,7 +140,7 @@ def creep_term(x: Any, par: Any, out: Any, dx: Any) -> None:
 def reversal(
     position: float, last: float, speed: float, last_speed: float, dt: float, direction: float
 ) -> tuple[float, bool]:
-    """Where friction turned between two samples, and whether it did.
+    """Return the position of a reversal of friction between two samples, and whether there was one.
 
     The turning point is the vertex of the parabola through the last position with both speeds.
     """
@@ -163,14 +163,14 @@ def turn_friction(
     travel: float,
     dt: float,
 ) -> bool:
-    """Note a reversal of one spring in one ``direction`` (0 vertical, 1 lateral); True if the curve changed.
+    """Store a reversal of one spring in one ``direction`` (0 vertical, 1 lateral); return True if the curve changed.
 
-    The level kept is F/F_max, not F: the limit moves with pressure, and a kept force could exceed it.
+    The stored level is F/F_max, not F, because the limit changes with pressure, and a stored force could exceed it.
 
-    Berg's law begins a new curve at every reversal and forgets the old one, so that a tremble of a nanometre would
-    change what follows by a tenth of the friction. Rubber remembers: a small loop, back over less than the share
-    ``friction_small_loop`` of x₂, ends where it began, and the curve before it goes on (Madelung 1905). At a share of
-    1/25 the force jumps there by 1/580 of its limit from half of it. At 0 every reversal begins a new curve.
+    In Berg's law every reversal begins a new curve and deletes the old one, so that a vibration of a nanometre would
+    change the later force by a tenth of the friction. Real rubber remembers: after a small loop, back over less than
+    the share ``friction_small_loop`` of x₂, the curve before it continues (Madelung 1905). At a share of 1/25 the force
+    then jumps by 1/580 of its limit from half of it. At a share of 0 every reversal begins a new curve.
     """
     last = mem.friction_last[direction, side]
     if abs(position - last) < 1e-12:  # rounding is no motion
@@ -210,7 +210,7 @@ def turn_friction(
 
 @compiled
 def _remember(mem: Any, direction: int, side: int, turn: float) -> None:
-    """Keep the curve that a reversal at ``turn`` leaves."""
+    """Store the curve that a reversal at ``turn`` interrupts."""
     mem.friction_outer_way[direction, side] = mem.friction_direction[direction, side]
     mem.friction_outer_turn[direction, side] = turn
     mem.friction_outer_origin[direction, side] = mem.friction_origin[direction, side]
@@ -221,7 +221,7 @@ def _remember(mem: Any, direction: int, side: int, turn: float) -> None:
 
 @compiled
 def _resume(mem: Any, direction: int, side: int) -> None:
-    """Go on along the curve that the small loop has left."""
+    """Continue the curve that the small loop interrupted."""
     mem.friction_outer_way[direction, side] = 0.0
     mem.friction_origin[direction, side] = mem.friction_outer_origin[direction, side]
     mem.friction_level[direction, side] = mem.friction_outer_level[direction, side]

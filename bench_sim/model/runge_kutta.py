@@ -5,9 +5,9 @@ A system is a compiled right-hand side
     slope(ahead, x, mem, u, par, given, dx, out)
 
 that writes dx/dt into ``dx`` and everything algebraic into ``out`` (`Algebraic`), ``ahead`` s after the instant
-``mem.time``. It never writes ``mem``. ``given`` is a tuple of what the system is given next to its inputs, such as a
-motion or the wind; states that are imposed and not integrated it first writes into ``x``. numba compiles each caller
-with its own right-hand side, so that the argument costs nothing.
+``mem.time``. It never writes ``mem``. ``given`` is a tuple of further inputs of the system, such as a motion or the
+wind. The function first writes imposed states, which are not integrated, into ``x``. numba compiles each caller with
+its own right-hand side, so the argument costs no time.
 """
 
 from typing import Any, Final
@@ -23,9 +23,9 @@ _WITH_PIPE: Final = int(State.EXTRA_VERTICAL_DASHPOT)
 
 @compiled
 def integrated_states(par: Any) -> int:
-    """So many states, from the first one on, are integrated with these parameters.
+    """Return the number of states, from the first one on, that are integrated with these parameters.
 
-    Those behind them belong to what is not fitted: no term may read or write them.
+    The states after them belong to missing parts: no term may read or write them.
     """
     branches = 0
     while branches < EXTRA_BRANCHES and par.extra_branch_ratio[branches] != 0.0:
@@ -39,7 +39,7 @@ def integrated_states(par: Any) -> int:
 
 @compiled
 def step_scheme(par: Any, dt: float) -> tuple[int, int]:
-    """Into how many equal pieces a step of ``dt`` s is divided, and how many states it integrates."""
+    """Return the number of equal pieces of a step of ``dt`` s, and the number of integrated states."""
     return pipe_steps(par, dt), integrated_states(par)
 
 
@@ -47,9 +47,9 @@ def step_scheme(par: Any, dt: float) -> tuple[int, int]:
 def runge_kutta(
     slope: Any, h: float, states: int, x: Any, mem: Any, u: Any, par: Any, given: Any, work: Any, out: Any
 ) -> None:
-    """One step of ``h`` s in place from the slope in ``work[0]``; moves time on.
+    """Take one step of ``h`` s in place from the slope in ``work[0]``, and advance the time.
 
-    ``work`` (5, STATES) holds the four slopes and the state at which the next one is taken.
+    ``work`` (5, STATES) holds the four slopes and the state for the next one.
     """
     for stage in range(1, 4):
         ahead = h if stage == 3 else 0.5 * h
@@ -75,7 +75,7 @@ def integrate(
     work: Any,
     out: Any,
 ) -> None:
-    """A step of ``dt`` s from the slope in ``work[0]``, in the pieces that its ``scheme`` (`step_scheme`) asks for."""
+    """Take a step of ``dt`` s from the slope in ``work[0]``, in the pieces of its ``scheme`` (`step_scheme`)."""
     pieces, states = scheme
     for piece in range(pieces):
         if piece > 0:

@@ -1,11 +1,10 @@
 """The measuring chain: s_m = (1+g) D H s + b + d t + Σ c_jk D H s_k + noise, quantised and limited to its range.
 
-The lag H = 1/(1+τs) is discretised for an input that is a cubic through the last four samples, so that a τ far below
-the step acts as it does in nature: as a delay τ, linear in τ down to zero. The delay D, by which the readings of a
-group of sensors arrive late, takes the same cubics through the outputs of the last `HISTORY` steps: a longer delay than
-those span (0.25 s at 1 ms) is cut off there. Straight lines instead of cubics would damp an oscillation by
-ω²h²/12 and ω²h²/8 at a step h, and parabolas shift it by as much of (ωh)³. What a lag and a delay of τ differ in is
-ω²τ²/2, no more than that where τ is a millisecond.
+The lag H = 1/(1+τs) is discretised for an input that is a cubic through the last four samples. So a τ far below the
+step acts correctly as a delay τ, linear in τ down to zero. The delay D of the readings of a group of sensors uses the
+same cubics through the outputs of the last `HISTORY` steps, and is limited to their span (0.25 s at 1 ms). Linear
+interpolation would damp an oscillation by ω²h²/12 and ω²h²/8 at a step h, and parabolas would shift its phase in
+proportion to (ωh)³. A lag and a delay of τ differ by ω²τ²/2, which is of the same size for τ of one millisecond.
 """
 
 from math import exp, floor
@@ -25,13 +24,13 @@ DRIFTS: Final = (("sensor_drift", "sensor_bias"), ("pressure_clock_skew", "press
 
 @compiled
 def load_cell_term(par: Any, out: Any, values: Any) -> None:
-    """Reactions in the six load cells that carry the platform, from forces and moments of springs and actuators.
+    """Compute the reactions of the six load cells under the platform, from forces and moments of springs and actuators.
 
     F_z = ΣF_k (four vertical, compression positive), F_y = F_5 + F_6 (the force of springs and bump stop on the
-    bolster), M_x = Σ y_k F_k − z_c F_y about the middle of the platform, where the springs bring Σ (M_i + s_i b F_z,i −
-    h F_y,i). A seat x_i ahead of the middle, and actuators that press x_l ahead of it, bring Σ x_k F_k = Σ x_i F_z,i +
-    x_l ΣF_a in the vertical and Σ x_i F_y,i in the lateral cells. The platform's own weight is tared; of its inertia
-    the cells measure m z̈_P and m ÿ_P of the mass on them (``platen_mass``, 0 in a rig that compensates it).
+    bolster), M_x = Σ y_k F_k − z_c F_y about the middle of the platform, where the moment of the springs is Σ (M_i +
+    s_i b F_z,i − h F_y,i). With a seat x_i in front of the middle, and actuators x_l in front of it, Σ x_k F_k = Σ x_i
+    F_z,i + x_l ΣF_a in the vertical and Σ x_i F_y,i in the lateral cells. The weight of the platform is tared; the
+    cells measure its inertia m z̈_P and m ÿ_P (``platen_mass``, 0 in a rig that compensates it).
 
     The balance of forces does not determine the twist a (1, −1, −1, 1) of four supports. It follows from the least
     energy of a rigid platform on supports with (1 + δ_k) times the common compliance. The supports are not in one
@@ -101,9 +100,10 @@ def true_values(x: Any, mem: Any, par: Any, out: Any, values: Any) -> None:
 
 @compiled
 def prepare_lags(mem: Any, par: Any, dt: float) -> None:
-    """Keep e = e^{−dt/τ}, g = θ(1 − e), b = θ(g − e) − g/2 and c = θ(3g − 6b − e − 2)/6 of all sensors, with θ = τ/dt.
+    """Compute e = e^{−dt/τ}, g = θ(1 − e), b = θ(g − e) − g/2 and c = θ(3g − 6b − e − 2)/6 of all sensors, with θ =
+    τ/dt.
 
-    They are worked out again where τ or dt changed.
+    They are computed again only if τ or dt has changed.
     """
     fresh = mem.lag_step != dt
     mem.lag_step = dt
@@ -130,7 +130,7 @@ def curves(mem: Any) -> tuple[float, float]:
 def lagged(mem: Any, k: int, value: float, bends: float, twists: float) -> float:
     """y_n = e y_{n−1} + (1 − g) s_n + (g − e) s_{n−1} + b Δ²s_n + c Δ³s_n, by `prepare_lags`.
 
-    ``bends`` and ``twists`` are those of `curves`, asked once for all sensors.
+    ``bends`` and ``twists`` are those of `curves`, computed once for all sensors.
     """
     decay = mem.lag_decay[k]
     ramp = mem.lag_ramp[k]
@@ -149,7 +149,7 @@ def lagged(mem: Any, k: int, value: float, bends: float, twists: float) -> float
 
 @compiled
 def arrives_late(par: Any) -> bool:
-    """Whether any reading arrives later than it was taken."""
+    """Return whether any reading is delayed."""
     return (
         par.force_latency > 0.0
         or par.pressure_latency > 0.0
@@ -161,7 +161,7 @@ def arrives_late(par: Any) -> bool:
 
 @compiled
 def lateness(mem: Any, par: Any, sensor: int) -> float:
-    """Return the age in s of a reading of one sensor: pressures can be held, and have a separate slow clock."""
+    """Return the age in s of a reading of one sensor. Pressures can be held, and can have a separate slow clock."""
     if Sensor.LEFT_BELLOWS_PRESSURE <= sensor <= Sensor.SUPPLY_PRESSURE:
         age = 0.0
         if par.pressure_hold > 0.0:
@@ -181,7 +181,9 @@ def lateness(mem: Any, par: Any, sensor: int) -> float:
 
 @compiled
 def delayed(mem: Any, sensor: int, value: float, delay: float) -> float:
-    """Return the value delivered ``delay`` ago by one sensor that delivers ``value`` now; cubics between the steps."""
+    """Return the output of a sensor ``delay`` s ago, by cubic interpolation between steps; ``value`` is the present
+    output.
+    """
     back = min(delay / mem.lag_step, HISTORY - 3.0)
     steps = int(back)
     part = back - steps
@@ -201,14 +203,14 @@ def delayed(mem: Any, sensor: int, value: float, delay: float) -> float:
 
 @compiled
 def follow(mem: Any, par: Any, values: Any, dt: float) -> None:
-    """Move every sensor's lag on to the present true values."""
+    """Advance the lag of every sensor to the present true values."""
     prepare_lags(mem, par, dt)
     move_lags(mem, par, values)
 
 
 @compiled
 def move_lags(mem: Any, par: Any, values: Any) -> None:
-    """As `follow`, after `prepare_lags` for the same step and parameters."""
+    """Advance the lags like `follow`, after `prepare_lags` for the same step and parameters."""
     bends, twists = curves(mem)
     for k in range(SENSORS):
         output = lagged(mem, k, values[k], bends, twists)
@@ -235,14 +237,14 @@ def deliver(mem: Any, par: Any, values: Any) -> None:
 
 @compiled
 def read_exactly(mem: Any, par: Any, values: Any, readings: Any) -> None:
-    """As `read_sensors`, without noise and quantisation."""
+    """Write readings like `read_sensors`, without noise and quantisation."""
     deliver(mem, par, values)
     express(mem, par, values, readings)
 
 
 @compiled
 def express(mem: Any, par: Any, values: Any, readings: Any) -> None:
-    """Readings without noise and quantisation of what the sensors deliver."""
+    """Write the readings, without noise and quantisation, for the delivered values."""
     for k in range(SENSORS):
         readings[k] = (
             (1.0 + par.sensor_gain[k]) * values[k] + par.sensor_bias[k] + par.sensor_drift[k] * mem.time
@@ -258,7 +260,7 @@ def express(mem: Any, par: Any, values: Any, readings: Any) -> None:
 
 @compiled
 def one_reading(mem: Any, par: Any, values: Any, counter: int, k: int) -> float:
-    """The reading of sensor ``k`` where the sensors deliver ``values``; ``counter`` picks the noise."""
+    """Return the reading of sensor ``k`` for the delivered ``values``; ``counter`` determines the noise."""
     s = (1.0 + par.sensor_gain[k]) * values[k] + par.sensor_bias[k] + par.sensor_drift[k] * mem.time
     if Sensor.LOAD_CELL_1 <= k <= Sensor.LOAD_CELL_6:
         for other in range(6):
@@ -273,7 +275,7 @@ def one_reading(mem: Any, par: Any, values: Any, counter: int, k: int) -> float:
 
 @compiled_once
 def read_sensors(mem: Any, par: Any, values: Any, counter: int, readings: Any) -> None:
-    """Readings of one sampling instant from the true values of that instant; ``counter`` picks the noise."""
+    """Write the readings of one instant from its true values; ``counter`` determines the noise."""
     deliver(mem, par, values)
     for k in range(SENSORS):
         readings[k] = one_reading(mem, par, values, counter, k)
@@ -281,9 +283,9 @@ def read_sensors(mem: Any, par: Any, values: Any, counter: int, readings: Any) -
 
 @compiled
 def read_cells(mem: Any, par: Any, counter: int, values: Any, readings: Any) -> None:
-    """Readings of the six load cells as they stood one step ago, without another look at the plant.
+    """Write the readings of the six load cells of the last step, without a new evaluation of the plant.
 
-    ``values`` (SENSORS) is room to work in; of ``readings`` (SENSORS) only theirs are written.
+    ``values`` (SENSORS) is working memory; of ``readings`` (SENSORS) only those of the load cells are written.
     """
     late = arrives_late(par)
     for k in range(Sensor.LOAD_CELL_1, Sensor.LOAD_CELL_6 + 1):

@@ -3,19 +3,18 @@
     V(ζ,y) = V₀ + A₀ζ + ½A₁ζ² − ½(κ₀+κ₁ζ) Y(y),   Y = y²/(1+(y/y_s)²)
     F_z = p_g ∂V/∂ζ − rubber,   F_y = p_g ∂V/∂y − rubber
 
-so that the membrane does no work and ∂F_z/∂y = ∂F_y/∂ζ at constant pressure. The emergency spring, a linear
-stack without mass, carries the same force: ζ = ζ_b − (F_z−P)/k_z, y = y_b − F_y/k_y, undeformed at the preload P of the
-load case. This is solved for the bellows' share (ζ_b, y_b) by Newton's method, and differentiated for its speed.
-A bellows that stretches, V + C_V (p − p_ref), does no work either, and its force is the same function of
-the pressure; p_ref is that of the load case. An effective area that grows with the gauge pressure,
-A_e + A_p (p_g − p_A), stretches the wall as well. Force and volume follow from one potential Φ(ζ,y,p), F = ∂Φ/∂ζ and
-V = ∂Φ/∂p:
+so the membrane does no work, and ∂F_z/∂y = ∂F_y/∂ζ at constant pressure. The emergency spring, a linear stack without
+mass, carries the same force: ζ = ζ_b − (F_z−P)/k_z, y = y_b − F_y/k_y. It is undeformed at the preload P of the load
+case. Newton's method solves this for the bellows' share (ζ_b, y_b); its time derivative gives the speed. A bellows that
+stretches, V + C_V (p − p_ref), does no work either, and its force is the same function of the pressure; p_ref is that
+of the load case. An effective area that grows with the gauge pressure, A_e + A_p (p_g − p_A), also stretches the wall.
+Force and volume follow from one potential Φ(ζ,y,p), F = ∂Φ/∂ζ and V = ∂Φ/∂p:
 
     Φ = … + A_p (p_g (p_g − p_A) ζ + (p_g − p_A)² h),   h = V₀/A₀
 
-so that V grows by A_p ((2p_g − p_A) ζ + 2 (p_g − p_A) h): the bellows widens over its whole height. The cords store
-A_p (p_g² (ζ + h) − p_A² h). Below ``contact_height`` the top plate also sits on the emergency spring.
-Valid for −87 mm < ζ_b (κ₀+κ₁ζ > 0).
+so that V grows by A_p ((2p_g − p_A) ζ + 2 (p_g − p_A) h): the bellows widens over its whole height. The cords store A_p
+(p_g² (ζ + h) − p_A² h). Below ``contact_height`` the top plate also sits on the emergency spring. Valid for −87 mm <
+ζ_b (κ₀+κ₁ζ > 0).
 """
 
 from math import tanh
@@ -49,7 +48,7 @@ _CLOSE = 3e-7
 
 @compiled
 def volume(par: Any, side: int, zeta: float, y: float) -> float:
-    """Bellows volume V(ζ, y) in m³ without what pressure adds to it (`stretch`)."""
+    """Bellows volume V(ζ, y) in m³ without the increase by pressure (`stretch`)."""
     V, _, _, _, _, _ = shape(par, side, zeta, y)
     return V
 
@@ -86,7 +85,7 @@ def compliance(par: Any, side: int, zeta: float) -> float:
 
 @compiled
 def stretch(par: Any, side: int, zeta: float, p: float) -> float:
-    """What this absolute pressure adds to `volume`, in m³: C_V (p − p_ref) + 2 A_p (p_g ζ + (p_g − p_A) h)."""
+    """The increase of `volume` by this absolute pressure, in m³: C_V (p − p_ref) + 2 A_p (p_g ζ + (p_g − p_A) h)."""
     reference = par.nominal_preload[side] / par.effective_area[side] + par.atmospheric_pressure
     height = par.bellows_volume[side] / par.effective_area[side]
     gauge = p - par.atmospheric_pressure
@@ -112,7 +111,7 @@ def resting_gauge(par: Any, side: int) -> float:
 def shell_pull(
     x: Any, mem: Any, par: Any, side: int, k_z: float, k_y: float, zeta: float, y: float
 ) -> tuple[float, float, float, float]:
-    """Force and stiffness of all that relaxes in the shell of one bellows, vertical and lateral."""
+    """Force and stiffness of all relaxing elements in the shell of one bellows, vertical and lateral."""
     branch_z, stiff_z = maxwell_pull(x, par, State.VERTICAL_DASHPOT + side * BRANCHES, k_z, zeta)
     branch_y, stiff_y = maxwell_pull(x, par, State.LATERAL_DASHPOT + side * BRANCHES, k_y, y)
     if par.extra_branch_ratio[0] != 0.0 or par.extra_friction[0] != 0.0:
@@ -190,7 +189,7 @@ def load_bellows(x: Any, mem: Any, par: Any, side: int, zeta: float, y: float, o
 
 @compiled
 def tangent_of(side: int, out: Any) -> tuple[float, float, float, float, float, float, float]:
-    """∂V/∂ζ, ∂V/∂y, ∂F_z/∂p, ∂F_y/∂p, ∂F_z/∂ζ, ∂F_z/∂y, ∂F_y/∂y of one bellows, as its laws are given them."""
+    """∂V/∂ζ, ∂V/∂y, ∂F_z/∂p, ∂F_y/∂p, ∂F_z/∂ζ, ∂F_z/∂y, ∂F_y/∂y of one bellows, in the order of the laws' arguments."""
     return (
         out[Algebraic.AREA + side],
         out[Algebraic.LATERAL_AREA + side],
@@ -214,7 +213,7 @@ def energy_kept(par: Any, side: int, zeta: float, out: Any) -> float:
 def share_with_emergency_spring(
     x: Any, mem: Any, par: Any, side: int, zeta: float, y: float, guess_z: float, guess_y: float, out: Any
 ) -> None:
-    """Solve ζ_b − (F_z−P)/k_z = ζ and y_b − F_y/k_y = y for the bellows' share, and leave its loads in ``out``."""
+    """Solve ζ_b − (F_z−P)/k_z = ζ and y_b − F_y/k_y = y for the bellows' share, and write its loads to ``out``."""
     if par.emergency_spring == 0.0:
         z_b = zeta
         y_b = y
@@ -370,7 +369,7 @@ def coupling_stiffness(par: Any, side: int) -> float:
 
 @compiled
 def load_bolster(par: Any, side: int, F_z: float, F_y: float, M: float, dx: Any) -> None:
-    """Leave forces and moment of one spring in the bolster's speed derivatives, to be divided by its mass later."""
+    """Add forces and moment of one spring to the bolster's speed derivatives, which are divided by its mass later."""
     arm = (1.0 - 2.0 * side) * par.spring_half_spacing
     dx[State.BOLSTER_VERTICAL_SPEED] += F_z
     dx[State.BOLSTER_LATERAL_SPEED] += F_y
@@ -379,12 +378,12 @@ def load_bolster(par: Any, side: int, F_z: float, F_y: float, M: float, dx: Any)
 
 @compiled
 def spring_term(par: Any, out: Any, dx: Any) -> None:
-    """Forces of both springs on the bolster (left in its speed derivatives as force, to be divided by mass later).
+    """Add the forces of both springs (N) to the bolster's speed derivatives, which are divided by its mass later.
 
-    F_y −= σ K_yφ φ_s tanh(θ/φ_s),  M = −(K_φ0 + K_φp P/A_e) θ − σ K_yφ y sech²(θ/φ_s): both from one potential
-    σ K_yφ y φ_s tanh(θ/φ_s) next to the series connection, in the total displacement y. They depend on the constant
-    nominal load P instead of the pressure, which would make them do work on the gas that no volume accounts for.
-    The contact loses energy as F (1 − d ζ̇): a dash-pot that grows with the force.
+    F_y −= σ K_yφ φ_s tanh(θ/φ_s),  M = −(K_φ0 + K_φp P/A_e) θ − σ K_yφ y sech²(θ/φ_s): both from one potential σ K_yφ y
+    φ_s tanh(θ/φ_s) parallel to the series connection, in the total displacement y. They depend on the constant nominal
+    load P and not on the pressure, because then they would do work on the gas without a change of volume. The contact
+    dissipates energy by F (1 − d ζ̇), a damping in proportion to the force.
     """
     theta = out[Algebraic.ROLL]
     saturated = tanh(theta / par.coupling_angle)

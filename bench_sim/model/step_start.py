@@ -1,6 +1,6 @@
-"""What happens once per step, at its start: valves switch, friction turns, and the memory is brought up to the present.
+"""Actions once per step, at its start: valves switch, friction reverses, and the memory is updated.
 
-Everything here is constant within a step, so that the right-hand side is smooth while it is integrated.
+Their results are constant within a step, so that the right-hand side is smooth during the integration.
 """
 
 from typing import Any
@@ -14,7 +14,9 @@ from bench_sim.model.valves import note_flows, switch_valves
 
 @compiled
 def note_solution(mem: Any, par: Any, out: Any) -> bool:
-    """Keep the bellows' motion and the flows for the next step and let friction turn; True if it turned anywhere."""
+    """Store the bellows' motion and the flows for the next step and update the friction; return True if any friction
+    reversed.
+    """
     note_flows(mem, par, out)
     turned = False
     dt = mem.time - mem.solved_time
@@ -41,7 +43,7 @@ def note_solution(mem: Any, par: Any, out: Any) -> bool:
 
 @compiled_within
 def begin(slope: Any, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
-    """Switch valves and friction where ``mem.time`` requires it, and write the slope there to ``dx``.
+    """Switch valves and friction at ``mem.time``, and write the slope there to ``dx``.
 
     ``slope`` and ``given`` are those of `bench_sim.model.runge_kutta`.
     """

@@ -1,9 +1,9 @@
-"""Terms without a name: smooth surfaces over two states of a spring, for what no named effect explains.
+"""Terms without a name: smooth surfaces over two states of a spring, for errors that no named effect explains.
 
     s(a, b) = Σ_jk c_jk N_j(a) N_k(b)
 
-N are quadratic B-splines on uniform knots over the span of a coordinate, held at the span's ends beyond it. A
-coefficient of one everywhere is a surface of one: they are a partition of unity.
+N are quadratic B-splines on uniform knots over the span of a coordinate, constant outside of it. If all coefficients
+are 1, the surface is 1 (partition of unity).
 """
 
 from math import asinh
@@ -17,7 +17,9 @@ from bench_sim.model.layout import Input, State
 
 @compiled
 def spline_weights(value: float, low: float, high: float, count: int) -> tuple[int, float, float, float]:
-    """Place of the first of the three splines that are not zero at ``value``, and their values, of ``count``."""
+    """Return the index of the first of the three non-zero splines at ``value``, and their values; ``count`` splines in
+    all.
+    """
     cells = count - 2
     s = min(max((value - low) / (high - low), 0.0), 1.0) * cells
     first = min(int(s), cells - 1)
@@ -96,7 +98,7 @@ def surface_heat(par: Any, p: float, T: float) -> float:
 
 @compiled
 def gas_surface_term(u: Any, par: Any, out: Any, dx: Any) -> None:
-    """Flow from each bellows to its chamber and heat into it that no named effect explains."""
+    """Add flow from each bellows to its chamber, and heat into it, from surfaces."""
     c_p = enthalpy_per_kelvin(par)
     for i in range(2):
         p = out[Algebraic.PRESSURE + i]

@@ -27,8 +27,8 @@ _SHUT: Final = 1e-3
 def orifice_term(t: float, x: Any, mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
     """Flow between each bellows and its auxiliary chamber, carrying the enthalpy of its upstream side.
 
-    Without a pipe it follows from the pressures. With one it is a state, which accelerates, and a valve that shuts
-    stops it within half a millisecond.
+    Without a pipe the flow follows from the pressures. With a pipe it is a state, and a closing valve stops it within
+    half a millisecond.
     """
     kappa = par.heat_capacity_ratio
     c_p = enthalpy_per_kelvin(par)
@@ -71,7 +71,7 @@ def orifice_term(t: float, x: Any, mem: Any, u: Any, par: Any, out: Any, dx: Any
 
 @compiled
 def note_flows(mem: Any, par: Any, out: Any) -> None:
-    """Keep the steady and the missing flow at the start of a step, where there is inertia."""
+    """Store the steady and the missing flow at the start of a step, for sides with inertia."""
     for i in range(2):
         if par.flow_inertance[i] > 0.0:
             mem.steady_flow[i] = out[Algebraic.STEADY_FLOW + i]
@@ -151,20 +151,20 @@ def valve_opening(lever: float, mem: Any, par: Any, side: int) -> float:
 
 @compiled
 def leveling_conductances(opening: float, par: Any, side: int) -> tuple[float, float]:
-    """To fill and to exhaust one auxiliary chamber through its leveling valve."""
+    """Return the conductances for filling and exhausting one auxiliary chamber through its leveling valve."""
     return max(-opening, 0.0) * par.fill_conductance[side], max(opening, 0.0) * par.exhaust_conductance[side]
 
 
 @compiled
 def service_conductances(opening: float, par: Any, side: int) -> tuple[float, float]:
-    """To fill and to exhaust one auxiliary chamber through the rig's service valve."""
+    """Return the conductances for filling and exhausting one auxiliary chamber through the rig's service valve."""
     conductance = par.service_conductance[side]
     return max(opening, 0.0) * conductance, max(-opening, 0.0) * conductance
 
 
 @compiled
 def leveling_term(x: Any, mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
-    """Filling and exhausting of each auxiliary chamber by its leveling valve."""
+    """Add the flow of each auxiliary chamber through its leveling valve."""
     for i in range(2):
         connected = min(max(u[Input.LEFT_LEVELING + i], 0.0), 1.0)
         opening = connected * valve_opening(x[State.LEVER + i], mem, par, i)
@@ -174,7 +174,7 @@ def leveling_term(x: Any, mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None
 
 @compiled
 def service_term(x: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
-    """Filling and exhausting of each auxiliary chamber by the rig's service valve, next to its leveling valve."""
+    """Add the flow of each auxiliary chamber through the rig's service valve."""
     for i in range(2):
         opening = min(max(u[Input.LEFT_SERVICE_VALVE + i], -1.0), 1.0)
         fill, exhaust = service_conductances(opening, par, i)
@@ -183,7 +183,7 @@ def service_term(x: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
 
 @compiled
 def ahead(now: float, before: float) -> float:
-    """How far both sides will be apart (Pa, no less than 0) a step from now, if they were ``before`` a step ago."""
+    """Return the extrapolated pressure difference (Pa, at least 0) one step later, from ``before`` one step earlier."""
     return max(2.0 * now - before, 0.0) if before > 0.0 else now
 
 
@@ -212,14 +212,14 @@ def switch_dpv(difference: float, mem: Any, par: Any) -> None:
 
 @compiled
 def switch_leveling(lever: float, mem: Any, par: Any, side: int) -> None:
-    """Latch of one leveling valve."""
+    """Switch one leveling valve."""
     deadband, hysteresis = par.leveling_deadband[side], par.leveling_hysteresis[side]
     mem.leveling_latch[side] = leveling_latch(lever, mem.leveling_latch[side], deadband, hysteresis)
 
 
 @compiled
 def switch_valves(x: Any, mem: Any, par: Any) -> None:
-    """Latches of the leveling valves and the differential pressure valve, from the state at the start of a step."""
+    """Switch the leveling valves and the differential pressure valve by the state at the start of a step."""
     kappa = par.heat_capacity_ratio
     for i in range(2):
         switch_leveling(x[State.LEVER + i], mem, par, i)

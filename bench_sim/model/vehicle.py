@@ -1,4 +1,4 @@
-"""The vehicle as one object: at rest or leaning in a steady wind, riding through gusts, and its natural modes."""
+"""The vehicle as one object: at rest or in a steady wind, riding through gusts, and its natural modes."""
 
 from dataclasses import dataclass
 from typing import Any, Final
@@ -132,7 +132,9 @@ class Vehicle:
         return self
 
     def _balance(self, bellows: NDArray[np.float64], air: list[float], wind: float) -> NDArray[np.float64]:
-        """Newton's method, halving steps that do not help, for the displacements of both bellows (ζ, ζ, y, y)."""
+        """Return the displacements of both bellows (ζ, ζ, y, y) in equilibrium, by Newton's method with halved steps if
+        needed.
+        """
         misfit = self._misfit(bellows, air, wind)
         for _ in range(_ITERATIONS):
             size = float(np.max(np.abs(misfit)))
@@ -206,7 +208,7 @@ class Vehicle:
         every: int = 1,
         springs: bool = False,
     ) -> Ride:
-        """Ride on for ``duration`` s and record every so many steps.
+        """Ride for ``duration`` s, and record every ``every`` steps.
 
         ``wind`` is the force on this half of the car in N, positive to the left: one number, or samples ``interval`` s
         apart from now on (linear between them, the last one held). ``springs`` also records `Algebraic`.
@@ -242,9 +244,9 @@ class Vehicle:
         return Ride(time, rows, algebraic)
 
     def jacobian(self, wind: float = 0.0) -> NDArray[np.float64]:
-        """Return ∂(dx/dt)/∂x at the present state by central differences, over the states that take part.
+        """Return ∂(dx/dt)/∂x at the present state by central differences, over the active states.
 
-        Those are gas, rubber and car body, in the order of `State`; friction sticks, valves stand as they are.
+        These are gas, rubber and car body, in the order of `State`; friction sticks, and valves do not switch.
         """
         places = [*_GAS, *_MOTION]
         kept = self.state.copy()

@@ -1,4 +1,4 @@
-"""Which sensor of the measuring chain feeds which signal of the wires: both are numbered alike, as is checked here."""
+"""The sensor of the measuring chain for each signal of the buses; both have the same numbers, which is checked here."""
 
 from itertools import zip_longest
 from typing import Final
@@ -10,7 +10,7 @@ from bench_sim.model.layout import Sensor
 
 
 def sensor_of(name: str) -> Sensor:
-    """Return the sensor behind the measurement ``name``; ValueError for a signal that no sensor feeds."""
+    """Return the sensor of the measurement ``name``; ValueError for a signal without a sensor."""
     return Sensor(TABLE.index[name])
 
 
@@ -20,7 +20,7 @@ def sensors_of(group: Group) -> list[Sensor]:
 
 
 def _check(measurement: Signal | None, sensor: Sensor | None) -> None:
-    """ImportError, which states what is missing, unless ``sensor`` feeds ``measurement``."""
+    """Raise ImportError, which states the missing entry, unless ``sensor`` belongs to ``measurement``."""
     wanted = measurement.name.replace(".", "_").upper() if measurement else ""
     if measurement and sensor is None:
         raise ImportError(

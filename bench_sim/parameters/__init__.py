@@ -1,4 +1,4 @@
-"""Parameter sets of the plant: values with unit, range, provenance and source, refused when they do not fit."""
+"""Parameter sets of the plant: values with unit, range, provenance and source; invalid values are refused."""
 
 import hashlib
 from collections.abc import Mapping
@@ -85,7 +85,7 @@ class Parameters:
     def as_built(self, seed: int) -> "Parameters":
         """Return the set of one rig as built: each sensor's bias drawn evenly within its accuracy, from ``seed``.
 
-        A bias that the set gives is known and stays.
+        A bias that is given in the set is kept.
         """
         accuracy, bias = (self.entries[f"sensor_{name}"].value for name in ("accuracy", "bias"))
         draw = accuracy * np.random.default_rng(seed).uniform(-1.0, 1.0, accuracy.shape)
@@ -97,7 +97,7 @@ class Parameters:
 
 
 def load(name: str | Path = "astb", load_case: str | None = None) -> Parameters:
-    """Read a parameter set or a model file: a name represents a set next to this module, anything else is a path.
+    """Read a parameter set or a model file: a name stands for a set in this package, anything else is a path.
 
     Without ``load_case`` the first one of the file applies. Raises `ParameterError`, which names the file.
     """
@@ -123,7 +123,7 @@ def _load(name: str | Path, load_case: str | None, above: tuple[Path, ...]) -> P
 
 @cache
 def _own(name: str, load_case: str | None) -> Parameters:
-    """Return a set that is next to this module; its file is read once in a process."""
+    """Return a set of this package; its file is read once in a process."""
     read = _parse(name, read_toml(name, SETS)[1], load_case)
     for entry in (*read.entries.values(), *read.load_cases.values()):
         if entry.value.ndim:
@@ -143,7 +143,7 @@ def _parse(name: str, tables: dict[str, Any], load_case: str | None) -> Paramete
 
 
 def _check_order(record: Any) -> None:
-    """Pairs that only make sense in one order."""
+    """Check pairs of parameters that are valid only in one order."""
     for low, high in (
         ("dpv_reclosing", "dpv_opening"),
         ("leveling_hysteresis", "leveling_deadband"),

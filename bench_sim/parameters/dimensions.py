@@ -53,9 +53,9 @@ _OF_CELLS: Final = ("load_cell_x", "load_cell_y", "load_cell_height")
 
 
 def dimensions_of(parameters: Parameters) -> dict[str, float]:
-    """Return the dimensions (SI) of a rig with these parameters, by name, without its effects, which no one knows.
+    """Return the dimensions (SI) of a rig with these parameters, by name, without its effects, which are unknown.
 
-    The lasers stand at the springs, load cells 1 to 4 upright at the corners, 5 and 6 across before and behind.
+    The lasers are at the springs, load cells 1 to 4 vertical at the corners, 5 and 6 lateral, in front and behind.
     """
 
     def of(parameter: str, elements: slice = _ALL) -> float:
@@ -103,7 +103,7 @@ def built_as(parameters: Parameters, dimensions: Mapping[str, float]) -> Paramet
 
 
 def described(parameters: Parameters, dimensions: Dimensions) -> Parameters:
-    """Return the set of the rig that a file of dimensions describes, as `built_as`."""
+    """Return the set of the rig with these dimensions, see `built_as`."""
     return built_as(parameters, {name: one.value for name, one in dimensions.known.items()})
 
 

@@ -1,4 +1,4 @@
-"""Effects as people give them: `leak.left=0.2mm2` read, checked against the catalogue, and put into a parameter set."""
+"""Effects as text: `leak.left=0.2mm2` is read, checked against the catalogue, and added to a parameter set."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -14,7 +14,7 @@ Effects = Mapping[str, Mapping[str, float]]
 
 
 class ParameterSet(Protocol):
-    """What those who change a parameter set see of it; `Parameters` is one."""
+    """The interface of a parameter set for changes; `Parameters` has it."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
@@ -54,7 +54,7 @@ def find_effect(name: str) -> tuple[Effect, int | None]:
 
 
 def read_effect(name: str, given: Mapping[str, Any]) -> dict[str, float]:
-    """Return the values (SI) of the effect ``name`` from texts with units; what is not given is at its nominal value.
+    """Return the values (SI) of the effect ``name`` from texts with units; missing values are nominal.
 
     Raises `ParameterError`.
     """
@@ -93,7 +93,7 @@ def parse_effect(text: str) -> tuple[str, dict[str, float]]:
 
 
 def show_effect(name: str, values: Mapping[str, float]) -> str:
-    """Return values (SI) of the effect ``name`` as a text that `read_effect_text` takes: ``0.1, time=0.5 s``."""
+    """Return values (SI) of the effect ``name`` as a text for `read_effect_text`: ``0.1, time=0.5 s``."""
     effect, _ = find_effect(name)
     texts = {}
     for one in effect.parameters:
@@ -107,8 +107,8 @@ def show_effect(name: str, values: Mapping[str, float]) -> str:
 def with_effects(parameters: Set, effects: Effects) -> Set:
     """Return a copy of ``parameters`` whose bench also has these ``effects`` (SI).
 
-    Shapes that are not given are at their nominal value. Raises `ParameterError` with name, value, unit and range for
-    what does not fit, for a missing amplitude, and for an effect that the set has already.
+    Missing shapes are nominal. Raises `ParameterError` with name, value, unit and range for an invalid value, for a
+    missing amplitude, and for an effect that the set already has.
     """
     added = {name: _complete(name, values) for name, values in effects.items()}
     for name in added:
@@ -118,7 +118,7 @@ def with_effects(parameters: Set, effects: Effects) -> Set:
 
 
 def apply_effects(record: Any, entries: Mapping[str, Entry], effects: Effects) -> None:
-    """Let ``effects`` change the parameter record in place; every value must stay within its parameter's range."""
+    """Apply ``effects`` to the parameter record in place; every value must stay within its parameter's range."""
     for name, values in effects.items():
         effect, place = find_effect(name)
         try:

@@ -1,4 +1,4 @@
-"""What every parameter file shares: entries with unit, range, provenance and source, refused when they do not fit."""
+"""Common parts of parameter files: entries with unit, range, provenance and source; invalid ones are refused."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -20,14 +20,14 @@ _PARTS: Final = ("value", "min", "max")
 
 
 class ParameterError(ValueError):
-    """A parameter set, or a change to one, that does not fit; the message states what would."""
+    """An invalid parameter set or change of one; the message states the correct form."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entry:
     """One parameter in SI; ``low`` and ``high`` bound every element, ``unit`` and ``scale`` are as in the file.
 
-    ``elements`` has a name and an SI unit for each element where these differ, as for the sensors.
+    ``elements`` has a name and an SI unit for each element if these differ, as for the sensors.
     """
 
     value: NDArray[np.float64]
@@ -63,7 +63,7 @@ def read_toml(
 
 
 def read_sections(tables: Mapping[str, Any], known: Mapping[str, Quantity]) -> dict[str, Entry]:
-    """Return the entries of all sections by name: each of the ``known`` once, those with a default where missing."""
+    """Return the entries of all sections by name: each of the ``known`` once; missing ones get their default."""
     entries: dict[str, Entry] = {}
     for section, table in tables.items():
         if not isinstance(table, dict):
@@ -102,7 +102,7 @@ def chosen_load(loads: Mapping[str, Entry], load_case: str | None) -> str:
 
 
 def read_entry(name: str, raw: Any, quantity: Quantity) -> Entry:
-    """Return one parameter as it is in a file, in SI."""
+    """Return one parameter of a file, in SI."""
     try:
         given = entries.read_entry(name, raw, quantity.unit, (_PARTS,), WRITTEN_UNITS)
         low, high = (np.full(quantity.shape, given.si(part)) for part in ("min", "max"))
@@ -115,7 +115,7 @@ def read_entry(name: str, raw: Any, quantity: Quantity) -> Entry:
 
 
 def default_entry(quantity: Quantity) -> Entry:
-    """Return the entry of a parameter that no file gives: at its default, switched off."""
+    """Return the entry of a parameter that is missing in the file: its default, switched off."""
     value, low, high = (
         np.full(quantity.shape, number) for number in (quantity.default, quantity.low, quantity.high)
     )
@@ -123,7 +123,7 @@ def default_entry(quantity: Quantity) -> Entry:
 
 
 def changed(name: str, entry: Entry, value: Any) -> Entry:
-    """Return the entry with another value (SI): a number serves every element. Raises `ParameterError`."""
+    """Return the entry with another value (SI); a number applies to every element. Raises `ParameterError`."""
     new = replace(entry, value=shaped(name, value, entry.value.shape))
     check_range(name, new)
     return new

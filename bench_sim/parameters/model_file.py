@@ -15,7 +15,7 @@ For example (lists have the shape of the parameter, a property of the sensors is
     [finding]                         # provenance: kept, and never acted upon
     verdict = "named"
 
-The file can be read as it was written, to the last digit, unless it was rounded for people.
+Reading a written file gives the same numbers to the last digit, unless they were rounded.
 """
 
 import json
@@ -111,7 +111,7 @@ def read_model(tables: Mapping[str, Any]) -> Model:
 
 
 def read_changes(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Return changes of parameters in SI, as `Model.changes` has them, from texts with units.
+    """Return changes of parameters in SI, in the form of `Model.changes`, from texts with units.
 
     Raises `ParameterError` for an unknown name, and for a text that is not a number with a suitable unit.
     """
@@ -129,7 +129,7 @@ def extended(base: Set, model: Model, name: str) -> Set:
 
 
 def with_changes(base: Set, changes: Mapping[str, Any]) -> Set:
-    """Return ``base`` with `Model.changes`. Raises `ParameterError` for what does not fit."""
+    """Return ``base`` with `Model.changes`. Raises `ParameterError` for an invalid change."""
     return base.with_values(
         **{
             name: {Sensor[key.upper()]: number for key, number in value.items()}
@@ -141,7 +141,7 @@ def with_changes(base: Set, changes: Mapping[str, Any]) -> Set:
 
 
 def write_model(path: Path, model: Model, notes: Notes | None = None, digits: int | None = None) -> None:
-    """Write a model file from which `load_model` reads exactly ``model``, or its numbers to so many ``digits``.
+    """Write a model file from which `load_model` reads exactly ``model``, or its numbers rounded to ``digits``.
 
     ``notes`` become comments: by parameter for changes (under ``change``), by sensor for each property of them, by
     quantity for each effect and surface. Raises OSError.
@@ -189,14 +189,14 @@ def _section(title: str, table: Mapping[str, Any], notes: Mapping[str, str]) -> 
 
 
 def _rows(value: Any) -> str:
-    """Return ``value`` as TOML writes it, a matrix with each of its rows on a line."""
+    """Return ``value`` as TOML, with each row of a matrix on a line."""
     if isinstance(value, list) and value and isinstance(value[0], list):
         return "[\n" + "".join(f"    {_toml(row)},\n" for row in value) + "]"
     return _toml(value)
 
 
 def _written(name: str, value: Any, digits: int | None) -> Any:
-    """Return the numbers of a change as texts: each sensor's in a unit that fits it, others in one that fits all."""
+    """Return the numbers of a change as texts: for sensors each in a suitable unit, otherwise all in one unit."""
     largest = 0.0 if name in _BY_SENSOR else float(np.abs(value).max())
 
     def written(number: float, _: str, unit: str) -> str:

@@ -44,7 +44,7 @@ def sensor_units(quantity: Quantity) -> dict[str, str]:
 
 
 def sensor_entries(group: Group) -> dict[str, Entry]:
-    """Return all properties of the simulated sensors of a group as its row in the table of groups gives them."""
+    """Return all properties of the simulated sensors of a group, from its row in the table of groups."""
     row = group.row
     of_converter = "16-bit converter over its range, rounded"
     drawn = "as designed; a rig as built draws it within the accuracy"
@@ -72,7 +72,7 @@ def sensor_entries(group: Group) -> dict[str, Entry]:
 def read_sensors(tables: Mapping[str, Any]) -> dict[str, Entry]:
     """Gather the kinds of sensor into one entry per property, each with an element per sensor.
 
-    A property that a table does not give is that of `sensor_entries`.
+    Missing properties are those of `sensor_entries`.
     """
     properties = {quantity.name.removeprefix("sensor_"): quantity for quantity in SENSOR_QUANTITIES}
     for kind, table in tables.items():

@@ -16,7 +16,7 @@ _KNOWN: Final = {quantity.name: quantity for quantity in CAR_QUANTITIES}
 
 @dataclass(frozen=True, eq=False)
 class VehicleParameters:
-    """A complete set; immutable, changed copies come from `with_values`. ``record`` is what compiled code reads."""
+    """A complete, immutable set; `with_values` returns changed copies. ``record`` is for compiled code."""
 
     name: str
     entries: Mapping[str, Entry]
@@ -32,7 +32,7 @@ class VehicleParameters:
         object.__setattr__(self, "record", array.view(np.recarray)[0])
 
     def with_values(self, **changes: ArrayLike) -> "VehicleParameters":
-        """Return a copy with some values changed (SI); raises `ParameterError` for what does not fit."""
+        """Return a copy with some values changed (SI); raises `ParameterError` for an invalid change."""
         entries = dict(self.entries)
         for name, change in changes.items():
             if name not in entries:
@@ -42,7 +42,7 @@ class VehicleParameters:
 
 
 def load_vehicle(name: str | Path = "vehicle") -> VehicleParameters:
-    """Read a vehicle: a name represents a file next to this module, anything else is a path.
+    """Read a vehicle: a name stands for a file in this package, anything else is a path.
 
     Raises `ParameterError`, which names the file.
     """

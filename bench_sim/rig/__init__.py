@@ -1,1 +1,1 @@
-"""The simulated rig behind its wires: states, interlocks, tick, CAN frames and Modbus registers, without a socket."""
+"""The simulated rig with its buses, but without sockets: states, interlocks, tick, CAN frames and Modbus registers."""

@@ -80,11 +80,13 @@ class BlackBox:
         self._files: dict[int, list[int]] = {}
 
     def note(self, tick: int, text: str) -> None:
-        """Remember that something happened at ``tick``."""
+        """Store an event at ``tick``."""
         self._events.append(IncidentEvent(tick, text))
 
     def trigger(self, tick: int, cause: str, signal: str = "") -> None:
-        """Begin the record of an incident unless there was one since the last reset; ``signal``: whose limit it was."""
+        """Begin the record of an incident unless there was one since the last reset; ``signal`` is the one whose limit
+        tripped.
+        """
         if self._armed and self._box["trigger"] < 0:
             self._armed = False
             self._box["trigger"] = max(0, self._box["written"] - 1)
@@ -95,7 +97,7 @@ class BlackBox:
         self._armed = True
 
     def keep(self) -> None:
-        """Make the record of the incident: its second ten seconds are over."""
+        """Make the record of the incident, after its second ten seconds."""
         box, tape = self._box, self.tape
         written, trigger = int(box["written"]), int(box["trigger"])
         first = max(0, trigger - BEFORE)
@@ -109,7 +111,7 @@ class BlackBox:
         box["trigger"] = -1
 
     def read_file(self, number: int) -> list[int]:
-        """Return the registers of one file; empty where there is none."""
+        """Return the registers of one file; empty if there is none."""
         if not self._files:
             incident = self._kept or Incident(0, 0, 0, np.zeros((len(CHANNELS), 0), np.int16), "", CHANNELS)
             if self._kept is not None:

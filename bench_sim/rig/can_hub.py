@@ -1,4 +1,4 @@
-"""The rig's CAN bus on TCP: a hub that uses socketcand, whose clients hear every frame but their own."""
+"""The rig's CAN bus on TCP: a hub with the socketcand protocol, whose clients receive every frame except their own."""
 
 import asyncio
 import contextlib
@@ -29,7 +29,7 @@ _AHEAD: Final = 0.05
 
 
 def _whole(block: Block, peer: str) -> Block:
-    """Carry frames as on a bus on which nothing befalls them."""
+    """Return the frames unchanged."""
     del peer
     return block
 
@@ -72,7 +72,7 @@ class _CanClient(Connection):
 
     @property
     def throttled(self) -> bool:
-        """Whether the client has sent more than its share, and what it sends is not read for now."""
+        """Whether the client has exceeded its share, so that reading from it pauses."""
         return self._waking is not None
 
     def data_received(self, data: bytes) -> None:
@@ -81,7 +81,7 @@ class _CanClient(Connection):
             self._read()
 
     def _read(self) -> None:
-        """Read received bytes, one portion at a time, and pause where the client is too far ahead of its share."""
+        """Process received bytes, one portion at a time, and pause if the client has exceeded its share."""
         self._waking = None
         assert self.transport is not None
         while self._unread and not self.transport.is_closing():
@@ -96,7 +96,7 @@ class _CanClient(Connection):
         self.transport.resume_reading()
 
     def _take(self, data: bytes) -> int:
-        """Act on the lines in ``data``; return how many there are."""
+        """Process the lines in ``data``; return their number."""
         lines = 0
         for event in self._parser.feed(data):
             lines += event.block.size if isinstance(event, socketcand.Sent | socketcand.Received) else 1
@@ -145,7 +145,7 @@ class _CanClient(Connection):
             self.transport.write(data)
 
     def send(self, count: int, lines: bytes) -> None:
-        """Send ``count`` frames now, or keep them, at the price of the oldest if the queue is full."""
+        """Send ``count`` frames now or queue them; if the queue is full, the oldest are dropped."""
         if not self._raw:
             return
         if not (self._blocked or self._settling):
@@ -181,20 +181,21 @@ class _CanClient(Connection):
 
 
 class CanHub:
-    """A CAN bus on TCP, compatible with socketcand: every client hears every frame but its own, all in one order.
+    """A CAN bus on TCP, compatible with socketcand: every client receives every frame except its own, all in one order.
 
-    ``on_frames(block, peer)`` receives what clients send, stamped at ingress with ``now()`` (ns);
-    ``on_peer_lost(peer)`` hears of every client that leaves; ``carry(block, peer)`` returns what the bus makes of what
-    a client sends, before anybody hears it. ``publish`` and ``relay`` may be called from any thread.
+    ``on_frames(block, peer)`` receives the frames of clients, stamped at ingress with ``now()`` (ns).
+    ``on_peer_lost(peer)`` is called for every client that leaves. ``carry(block, peer)`` returns the frames of a client
+    after the effects of the bus, before any client receives them. ``publish`` and ``relay`` may be called from any
+    thread.
 
     Each client has a queue of ``queue_max`` frames behind the socket's own buffers; when it is full the oldest frames
     are dropped and counted in ``dropped``. A client that has not caught up for ``slow_limit`` s is disconnected.
 
-    Clients together may send ``frames_per_second``, which is more than a bus of 1 Mbit/s carries. Each has the same
-    share; of a client that sends more the hub reads no further until its time has come. So a flood delays its sender,
-    not the commander, and no frame is lost. The holder does not share with the others.
+    All clients together may send ``frames_per_second``, which is more than a bus of 1 Mbit/s carries. Each has the same
+    share. If a client sends more, the hub reads from it later. So a flood delays its sender, not the commander, and no
+    frame is lost. The holder of the bench has a separate share.
 
-    One place beyond ``clients_max`` is kept for the client of which ``holds(peer)`` is true.
+    One place beyond ``clients_max`` is reserved for the client for which ``holds(peer)`` is true.
     """
 
     def __init__(
@@ -235,7 +236,7 @@ class CanHub:
 
     @property
     def clients(self) -> tuple[str, ...]:
-        """Return the names of the connected clients."""
+        """The names of the connected clients."""
         return tuple(client.name for client in self._clients)
 
     def publish(self, block: Block) -> None:
@@ -248,7 +249,7 @@ class CanHub:
         self.relay(block, "")
 
     def relay(self, block: Block, peer: str) -> None:
-        """Send ``block`` as `publish` does, but not to the client named ``peer``, who has sent it."""
+        """Send ``block`` like `publish`, except to its sender, the client ``peer``."""
         if block.dtype != FRAME:
             raise TypeError(
                 f"block = array of {block.dtype} is not a frame block (bench_protocol.frames.FRAME)"
@@ -266,11 +267,11 @@ class CanHub:
                 loop.call_soon_threadsafe(self._flush)
 
     def cut(self) -> None:
-        """Close all connections, and every new one at once, until `restore`; from any thread."""
+        """Close all connections and refuse new ones until `restore`; from any thread."""
         self._soon(self.close)
 
     def restore(self) -> None:
-        """Let clients in again; from any thread."""
+        """Accept clients again; from any thread."""
         if self._home is not None:
             self._soon(partial(self.open, self._home))
 
@@ -301,14 +302,14 @@ class CanHub:
             self._on_peer_lost(client.name)
 
     def time_per_frame(self, client: _CanClient) -> float:
-        """Return how long (s) one frame of ``client`` takes of its share."""
+        """Return the time (s) of one frame of ``client`` in its share."""
         if self._holds is not None and self._holds(client.name):
             return 1.0 / self._frames_per_second
         sharing = 1 + sum(other.throttled for other in self._clients if other is not client)
         return sharing / self._frames_per_second
 
     def take(self, block: Block, sender: _CanClient) -> None:
-        """Stamp what ``sender`` has sent and pass it on."""
+        """Stamp the frames of ``sender`` and pass them on."""
         self._flush()  # frames that were published earlier are sent first
         block["time"] = self._now()
         block = self._carry(block, sender.name)

@@ -62,7 +62,7 @@ class CanopenHost(NodeHost, Protocol):
         """Handle the loss of the heartbeat of the commander."""
 
     def heartbeat_back(self) -> None:
-        """Handle a heartbeat that has returned, or is not expected any more."""
+        """Handle a heartbeat that has returned, or is no longer expected."""
 
 
 class CanopenNode:

@@ -1,4 +1,4 @@
-"""A capture of the CAN bus, the rig's own frames and others', into a file or a named pipe, or to who reads along."""
+"""A capture of all frames of the CAN bus, into a file, a named pipe, or to live readers."""
 
 import contextlib
 import os
@@ -32,7 +32,7 @@ class Tap:
         self.dropped = 0
 
     def put(self, block: Block, *, outbound: bool) -> None:
-        """Keep ``block`` for the reader, at the price of the oldest if it reads too slowly."""
+        """Queue ``block`` for the reader; if the reader is too slow, the oldest frames are dropped."""
         with self._lock:
             self._waiting.append((block, outbound))
             self._frames += block.size
@@ -42,7 +42,7 @@ class Tap:
                 self.dropped += lost.size
 
     def read(self) -> bytes:
-        """Return the bytes that follow all bytes read so far; the first call returns the file header, too."""
+        """Return the bytes after those read so far; the first call also returns the file header."""
         with self._lock:
             waiting, self._waiting, self._frames = self._waiting, deque(), 0
         parts = [packet_bytes(block, outbound=outbound) for block, outbound in waiting]
@@ -52,12 +52,12 @@ class Tap:
         return b"".join(parts)
 
     def end(self) -> bytes:
-        """Return the last bytes: how many frames are missing."""
+        """Return the last bytes, with the number of missing frames."""
         return self.read() + statistics_bytes(wall_time_ns(), self.dropped)
 
 
 class Capture(Stage):
-    """Shows every frame that went over the bus to any number of readers; without one it costs next to nothing."""
+    """Passes a copy of every frame on the bus to any number of readers; without a reader it takes hardly any time."""
 
     rank = Stage.RECORD
 
@@ -66,13 +66,13 @@ class Capture(Stage):
         self._taps: tuple[Tap, ...] = ()
 
     def tap(self) -> Tap:
-        """Return a new reader's place, which hears everything from now on."""
+        """Return the queue of a new reader, with all frames from now on."""
         tap = Tap(self.bus)
         self._taps += (tap,)
         return tap
 
     def release(self, tap: Tap) -> None:
-        """Let ``tap`` hear no more."""
+        """Stop the queue ``tap``."""
         self._taps = tuple(one for one in self._taps if one is not tap)
 
     def outgoing(self, block: Block, now: int) -> Block:
@@ -89,10 +89,10 @@ class Capture(Stage):
 
 
 class CaptureFile:
-    """Writes what ``capture`` hears to ``path`` in its own thread, until ``close``.
+    """Writes the frames of ``capture`` to ``path`` in its own thread, until ``close``.
 
-    At a named pipe it waits for a reader, and for the next one when that has left. ``complain(reason)`` hears of a
-    file that cannot be written any more. Raises OSError in words if it cannot be opened.
+    At a named pipe it waits for a reader, and for the next one when that has left. ``complain(reason)`` is called if
+    the file can no longer be written. Raises OSError with a text if it cannot be opened.
     """
 
     def __init__(self, capture: Capture, path: Path, complain: Callable[[str], None]) -> None:
@@ -141,7 +141,7 @@ class CaptureFile:
         file.write(tap.end())
 
     def _when_read(self) -> BinaryIO | None:
-        """Return the named pipe as soon as a user reads it, None if that does not come before the end."""
+        """Return the named pipe as soon as a reader opens it, None if that does not happen before the end."""
         while not self._closing.is_set():
             with contextlib.suppress(OSError):
                 descriptor = os.open(self._path, os.O_WRONLY | os.O_NONBLOCK)

@@ -1,4 +1,4 @@
-"""The live capture on TCP: Wireshark and tshark read along as `TCP@127.0.0.1:19901`."""
+"""The live capture on TCP: Wireshark and tshark read it as `TCP@127.0.0.1:19901`."""
 
 import asyncio
 from typing import Final
@@ -51,7 +51,7 @@ class _Reader(Connection):
 
 
 class CaptureServer:
-    """Gives every client what ``capture`` hears from its connection on, as pcapng."""
+    """Sends every client the frames of ``capture`` from its connection on, as pcapng."""
 
     def __init__(self, capture: Capture) -> None:
         self.capture = capture
@@ -69,10 +69,10 @@ class CaptureServer:
         return True
 
     def forget(self, reader: _Reader) -> None:
-        """Give the place of ``reader`` away."""
+        """Free the place of ``reader``."""
         self._readers.pop(reader, None)
 
     def close(self) -> None:
-        """Send all readers away."""
+        """Disconnect all readers."""
         for reader in list(self._readers):
             reader.drop()

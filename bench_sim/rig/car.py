@@ -1,4 +1,4 @@
-"""A car in the tick: measured forces of the springs move it, and the actuators put the springs where it has them."""
+"""A car in the tick: measured forces of the springs move it, and the actuators move the springs accordingly."""
 
 from collections.abc import Mapping
 from typing import Any, Final
@@ -35,7 +35,7 @@ _SHEAR, _HEIGHT, _ROLL, _ACCELERATION, _RISING, _BUMP_STOP, _WIND = _ROWS
 
 @compiled
 def _leave(c: Any, program: int) -> None:
-    """End the ride: the set-points take over where it has led, and go back to where they are wanted."""
+    """End the ride: the set-points take over its offsets, and return to their goals."""
     c.program = program
     c.riding = 0
     for row in range(TARGETS):
@@ -46,7 +46,7 @@ def _leave(c: Any, program: int) -> None:
 
 @compiled
 def _feel(c: Any, mem: Any, par: Any, faults: Any, readings: Any) -> None:
-    """Read the load cells in this tick: as all readings are read, and as disturbed."""
+    """Read the load cells in this tick, with the faults of sensors."""
     car = c.car
     if faults.counts[0] != 0:  # a cell may read what another sensor does
         for k in range(SENSORS):
@@ -58,7 +58,7 @@ def _feel(c: Any, mem: Any, par: Any, faults: Any, readings: Any) -> None:
 
 @compiled
 def _place(c: Any, ahead: float) -> Any:
-    """Return how the springs are to stand ``ahead`` s from now."""
+    """Return shear, height and roll of the springs ``ahead`` s from now."""
     car = c.car
     wave = _wave(min(c.phase[0] + c.frequency[0] * ahead, c.cycles[0]))
     return _ahead(car, ahead, car.track_size[0] * wave, car.track_size[1] * wave, car.track_size[2] * wave)
@@ -66,7 +66,7 @@ def _place(c: Any, ahead: float) -> Any:
 
 @compiled
 def _follow(c: Any) -> bool:
-    """Set the offsets by which the springs stand as the car has them; return whether the actuators can go there."""
+    """Set the offsets of the set-points for the car's position; return whether the actuators can reach them."""
     car = c.car
     for row in range(TARGETS):
         shear, height, roll = _place(c, car.lead[row])
@@ -86,10 +86,9 @@ def _follow(c: Any) -> bool:
 
 @compiled
 def ride(c: Any, mem: Any, par: Any, faults: Any, readings: Any) -> int:
-    """Move the car of the program on by one tick, under the forces of the tick before.
+    """Advance the car of the program by one tick, under the forces of the tick before.
 
-    While it waits, the load cells show what the springs do at rest. A ride that would lead beyond what the actuators
-    can do ends where it is.
+    During the wait the load cells measure the springs at rest. A ride beyond the range of the actuators ends.
     """
     if c.program != Program.RUN:
         return int(Happened.NOTHING.value)
@@ -122,7 +121,7 @@ def ride(c: Any, mem: Any, par: Any, faults: Any, readings: Any) -> int:
 
 @compiled
 def publish_car(c: Any, values: Any) -> None:
-    """Publish what the car does; nothing is available while none rides."""
+    """Publish the motion of the car; NaN while none rides."""
     if c.riding == 0 or c.waits > 0:
         for row in _ROWS:
             values[row] = np.nan
@@ -154,7 +153,9 @@ class Couplings:
         self.moved = self._to_targets.any(axis=1)
 
     def begin(self, c: Any, settings: Mapping[str, float]) -> bool:
-        """Put the car of the ``settings`` (SI, by name) into the tick's controls; return False for invalid settings."""
+        """Set up the car of the ``settings`` (SI, by name) in the tick's controls; return False for invalid
+        settings.
+        """
         own = {
             name.removeprefix("car."): value for name, value in settings.items() if name.startswith("car.")
         }

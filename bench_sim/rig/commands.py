@@ -49,7 +49,7 @@ _IDENTIFIER_ROW: Final = TABLE.index["rig.stranger_identifier"]
 
 
 class Steering(NamedTuple):
-    """By table row: which target a set-point aims for (-1: none), in which control mode (-1: any), and its range."""
+    """By table row: the target of a set-point (-1: none), its control mode (-1: any), and its range."""
 
     targets: npt.NDArray[np.int64]
     modes: npt.NDArray[np.int64]
@@ -58,7 +58,7 @@ class Steering(NamedTuple):
 
     @classmethod
     def of_table(cls) -> "Steering":
-        """Return what the set-points of the table steer."""
+        """Return the targets of the set-points of the table."""
         targets, modes = np.full((2, len(TABLE.signals)), -1, np.int64)
         steering = cls(targets, modes, frames_of_setpoints(), ranges())
         for target, name in enumerate(ACTUATORS):
@@ -87,7 +87,7 @@ class Receiving(NamedTuple):
 
     @classmethod
     def of(cls, decoder: Decoder, frames_max: int) -> "Receiving":
-        """Return the arrays of ``decoder``, with room for the samples of ``frames_max`` frames."""
+        """Return the arrays of ``decoder``, with buffers for the samples of ``frames_max`` frames."""
         layout, room = decoder.layout, frames_max * int(decoder.layout.messages["count"].max())
         return cls(
             layout.rows,
@@ -110,7 +110,7 @@ def _follow(c: Any, signals: Any, values: Any, steering: Steering, changes: Any)
 
     A set-point acts while the bench is ACTIVE and the axis is in its mode; NaN means "as before". If one set-point is
     out of range, its whole frame is refused, because sides that belong together must not move alone. The first
-    set-point for actuators that are shut in waits for the supervisor, which engages them at their present position.
+    set-point for shut-in actuators waits for the supervisor, which engages them at their present position.
     """
     accepted_from = 0
     for k in range(signals.size):
@@ -153,7 +153,7 @@ def _follow(c: Any, signals: Any, values: Any, steering: Steering, changes: Any)
 
 
 class Incoming(NamedTuple):
-    """Where commands come in: the ring that receives, room to take frames out of it, and what makes sense of them."""
+    """The input of commands: the ring that receives, a buffer for its frames, and the decoder."""
 
     ring: Ring
     block: Block  #: more frames than this in one tick wait for the next
@@ -164,7 +164,7 @@ class Incoming(NamedTuple):
 
     @classmethod
     def of(cls, decoder: Decoder) -> "Incoming":
-        """Return an empty ring in front of ``decoder``."""
+        """Return an empty ring before ``decoder``."""
         room = Receiving.of(decoder, _FRAMES_MAX)
         steering, changes = Steering.of_table(), np.zeros(_FRAMES_MAX, np.int64)
         return cls(
@@ -179,10 +179,10 @@ class Incoming(NamedTuple):
 
 @compiled
 def _prove(c: Any, block: Any, sender: int, published: Any) -> None:
-    """Let ``sender`` be the commander if a Control message of its ``block`` carries the token.
+    """Make ``sender`` the commander if a Control message of its ``block`` carries the token.
 
-    Only the holder can know it so far, because it was returned on the Modbus connection of the holder alone. From now
-    on every client of the bus can read it, but it is valid for this sender only.
+    Only the holder can know the token so far, because it was sent only on the holder's Modbus connection. From now on
+    every client of the bus can read it, but it is valid for this sender only.
     """
     for k in range(block.size):
         record = block[k]
@@ -199,9 +199,9 @@ def _prove(c: Any, block: Any, sender: int, published: Any) -> None:
 
 @compiled
 def _may_prove(c: Any, sender: int, token: int) -> bool:
-    """Return whether ``token`` makes ``sender`` the commander; note a wrong one.
+    """Return whether ``token`` makes ``sender`` the commander; store a wrong one.
 
-    Where frames have no sender, guesses cannot be distinguished from commands and are not counted.
+    If frames have no sender, guesses cannot be distinguished from commands and are not counted.
     """
     if sender == 0:
         return bool(token == c.token)
@@ -238,9 +238,9 @@ def take_waiting(c: Any, incoming: Incoming, published: Any) -> int:
 
 @compiled
 def _take_block(c: Any, block: Any, sender: int, incoming: Incoming, published: Any) -> None:
-    """Take frames from one ``sender`` (`peers.sender_of`), stamped with the tick.
+    """Process frames from one ``sender`` (`peers.sender_of`), stamped with the tick.
 
-    Only frames of the holder's own connection act, and only with its token.
+    Only frames of the holder's own connection with its token have an effect.
     """
     if c.token != 0 and c.commander < 0:
         _prove(c, block, sender, published)

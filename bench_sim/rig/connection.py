@@ -1,4 +1,4 @@
-"""One TCP connection of a client to a server of the rig: what the CAN hub and the Modbus server have in common."""
+"""One TCP connection of a client to a server of the rig: the common part of CAN hub and Modbus server."""
 
 import asyncio
 import contextlib
@@ -21,7 +21,7 @@ _connections: Final = itertools.count(1)
 
 
 def ignore(_: str) -> None:
-    """Do nothing about a peer that is gone."""
+    """Ignore a peer that has left."""
 
 
 class Connection(asyncio.Protocol):
@@ -72,7 +72,7 @@ class Connection(asyncio.Protocol):
             self.drop()
 
     def spared(self) -> bool:
-        """Return whether the connection stays though its time is up."""
+        """Return whether the connection stays open after its time limit."""
         return False
 
     def stop_timer(self) -> None:

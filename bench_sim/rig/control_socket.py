@@ -1,7 +1,7 @@
-"""The control socket of a running rig: a Unix domain socket of its user, a line in and a line out, next to all wires.
+"""The control socket of a running rig: a Unix domain socket of its user, with one line in and one line out.
 
-It is for what no one has on a real bench, such as faults on purpose. Its path follows from the place of the Modbus
-server, so that anyone who knows the rig file finds it; the directory is its user's alone.
+It is for actions that do not exist on a real bench, such as simulated faults. Its path follows from the address of the
+Modbus server, so that it can be found from the rig file. Only its user can access the directory.
 """
 
 import asyncio
@@ -21,14 +21,15 @@ _TOO_LONG: Final = b'{"error":"a line has at most 8192 bytes"}\n'
 
 
 def control_path(host: str, modbus_port: int) -> Path:
-    """Return where the rig whose Modbus server is there has its control socket."""
+    """Return the path of the control socket of the rig with this Modbus server."""
     return own_folder() / f"{host.replace(':', '_')}-{modbus_port}.sock"
 
 
 def ask(path: Path, line: bytes, timeout: float = 5.0) -> bytes:
-    """Return the rig's answer to one line; OSError if there is no rig, or it does not answer within ``timeout`` (s).
+    """Return the rig's answer to one line; OSError without a rig, or without an answer within ``timeout`` (s).
 
-    PermissionError, and nothing is said, where the directory is another user's: so might be anyone who answers.
+    PermissionError, before anything is sent, if the directory belongs to another user, because the answer could be
+    forged.
     """
     require_own(path.parent)
     with _unix_socket() as connection:
@@ -54,7 +55,7 @@ class ControlSocket:
         self._path: Path | None = None
 
     async def open(self, host: str, modbus_port: int) -> Path:
-        """Open the socket, for this user alone, and return its path. OSError, in words, if it cannot be had."""
+        """Open the socket, for this user alone, and return its path. Raises OSError with a text."""
         path = control_path(host, modbus_port)
         try:
             own_directory(path.parent)
@@ -79,7 +80,7 @@ class ControlSocket:
             self._path.unlink(missing_ok=True)
 
     def admits(self) -> bool:
-        """Whether there is room for one more client."""
+        """Return whether one more client is accepted."""
         return len(self.clients) < _CLIENTS_MAX
 
 
@@ -132,14 +133,14 @@ class _ControlClient(asyncio.Protocol):
 
 
 def _unix_socket() -> socket.socket:
-    """Return a new socket; OSError where there are none of this kind."""
+    """Return a new socket; OSError if the system has no Unix sockets."""
     if (family := getattr(socket, "AF_UNIX", None)) is None:
         raise OSError("this system has no Unix domain sockets")
     return socket.socket(family)
 
 
 def is_alive(path: Path) -> bool:
-    """Whether a user listens at ``path``; what a rig that was killed has left is taken over."""
+    """Return whether a process listens at ``path``. A socket left by a killed rig is replaced."""
     try:
         with _unix_socket() as probe:
             probe.settimeout(0.5)

@@ -21,10 +21,10 @@ _COMMUNICATION_CODES: Final = range(0x8100, 0x8200)
 
 
 class Emergencies:
-    """The errors that are active, and the last ones that were.
+    """The active errors, and the last ones before.
 
-    Reasons with one code are one error: a commander that is late, lost or disconnected is gone in any case. It writes
-    the emergency's signals in ``values`` (SI, by table row) and calls ``on_message`` to have them sent.
+    Reasons with one code are one error: a commander that is late, lost or disconnected is missing in each case. It
+    writes the emergency's signals in ``values`` (SI, by table row) and calls ``on_message`` to send them.
     """
 
     def __init__(self, values: npt.NDArray[np.float64], on_message: Callable[[], None]) -> None:
@@ -42,7 +42,7 @@ class Emergencies:
         return register
 
     def report(self, reason: Reason, tripped: int = 0) -> None:
-        """Send an error, unless it is active already; ``tripped`` distinguishes limits, as in ``rig.tripped``."""
+        """Send an error, unless it is already active; ``tripped`` distinguishes limits, as in ``rig.tripped``."""
         code = EMERGENCY_CODES[reason]
         if (code, tripped) in self._active:
             return

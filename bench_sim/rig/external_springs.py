@@ -1,6 +1,6 @@
-"""Springs in the tick that an external library computes: its calls, the wait for it, and its failures.
+"""Springs of an external library in the tick: the calls of the library, the wait for it, and its failures.
 
-Its functions are called by their addresses, in the rig's process or in a separate one (`serve`), and never through the
+Its functions are called by their addresses, in the rig's process or in a separate one (`serve`), without the
 interpreter.
 """
 
@@ -40,7 +40,7 @@ from bench_sim.model.sensors import follow, true_values
 
 
 class Failure(IntEnum):
-    """Why springs from elsewhere are lost."""
+    """The reason why external springs have failed."""
 
     NONE = 0
     STATUS = 1  #: a call was refused
@@ -67,7 +67,7 @@ _step_3: Final = at_address(WORD, NUMBER, NUMBER, INT, WORD, WORD, WORD, WORD)
 
 @compiled
 def _values(e: Any, k: int, which: int, references: int, count: int, values: int) -> int:
-    """Set or get the reals of one instance; all but its number are addresses."""
+    """Set or get the reals of one instance; all arguments except its number are addresses."""
     one = e.instances
     if count == 0:
         return 0
@@ -78,7 +78,7 @@ def _values(e: Any, k: int, which: int, references: int, count: int, values: int
 
 @compiled
 def _fails(e: Any, status: int) -> bool:
-    """Note how the call that was noted went; ok and warning are no failures."""
+    """Store the result of the last call; return whether it failed (neither ok nor warning)."""
     if status == 0 or status == 1:
         return False
     e.numbers[Slot.FAILED] = Failure.STATUS.value
@@ -113,7 +113,7 @@ def _do_step(e: Any, k: int) -> int:
 
 @compiled_once
 def call_instances(e: Any) -> None:
-    """One communication step of all instances: inputs, step, inputs at its end, outputs; notes a failure."""
+    """Take one communication step of all instances: inputs, step, inputs at its end, outputs; store a failure."""
     e.numbers[Slot.FAILED] = Failure.NONE.value
     for k in range(e.numbers[Slot.INSTANCES]):
         first, last = e.instances[k, INPUT], e.instances[k + 1, INPUT]
@@ -158,7 +158,7 @@ def take_outputs(e: Any, k: int) -> bool:
 
 @compiled_entry
 def begin_outputs(e: Any, k: int) -> bool:
-    """Get the outputs of one instance where it has begun; False if it failed."""
+    """Get the initial outputs of one instance; False if it failed."""
     good = take_outputs(e, k)
     know_outputs(e)
     return good
@@ -166,7 +166,7 @@ def begin_outputs(e: Any, k: int) -> bool:
 
 @compiled_once
 def _ask(e: Any) -> None:
-    """Order the communication step from the library's process, and wait for it up to the time limit."""
+    """Request the communication step from the library's process, and wait for it up to the time limit."""
     n = e.numbers
     spare = n.ctypes.data + 8 * Slot.SPARE
     if not send_word(n[Slot.ASK], spare):
@@ -179,7 +179,7 @@ def _ask(e: Any) -> None:
 
 @compiled_entry
 def timed_step(e: Any, spec: Any) -> int:
-    """Take one communication step; return how long that took, in ns. ``spec``: int64[2]."""
+    """Take one communication step; return its duration in ns. ``spec``: int64[2]."""
     start = now(spec)
     call_instances(e)
     return int(now(spec) - start)
@@ -187,7 +187,7 @@ def timed_step(e: Any, spec: Any) -> int:
 
 @compiled_entry
 def serve(e: Any, asked: int, answers: int) -> None:
-    """In its own process: take a communication step whenever ``asked``, until no one asks any more."""
+    """In a separate process: take a communication step at each request on ``asked``, until the pipe is closed."""
     spare = np.zeros(1, np.int64)
     thread = leave_interpreter()
     while receive_word(asked, spare.ctypes.data):
@@ -199,7 +199,7 @@ def serve(e: Any, asked: int, answers: int) -> None:
 
 @compiled
 def _exchange(e: Any) -> None:
-    """Take one communication step, and note in SI what the springs do at its end."""
+    """Take one communication step, and store the springs' outputs at its end in SI."""
     n = e.numbers
     e.clock[0] = n[Slot.STEPS] * e.clock[1]
     if n[Slot.APART] != 0:
@@ -218,7 +218,9 @@ def _exchange(e: Any) -> None:
 def step_around(
     e: Any, x: Any, mem: Any, u: Any, par: Any, dt: float, work: Any, out: Any, values: Any
 ) -> bool:
-    """As `bench_sim.model.kernel.step` with springs from elsewhere; False once they are lost: all is at rest then."""
+    """Take a step like `bench_sim.model.kernel.step`, with external springs; return False after their failure (all is
+    at rest).
+    """
     n = e.numbers
     if n[Slot.FAILED] != 0:
         mem.time += dt
@@ -245,7 +247,7 @@ def step_around(
 
 @compiled_once
 def observe_around(e: Any, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any, values: Any) -> None:
-    """As `bench_sim.model.kernel.observe`, with springs from elsewhere."""
+    """Observe like `bench_sim.model.kernel.observe`, with external springs."""
     n = e.numbers
     evaluate_around(0.0, x, mem, u, par, (e, n[Slot.TICK] / n[Slot.TICKS], 0.0), dx, out)
     true_values(x, mem, par, out, values)

@@ -21,22 +21,22 @@ _BORE: Final = TABLE["rig.orifice_diameter"]
 
 
 class Ordered(NamedTuple):
-    """The plates and pipes that the settings ask for."""
+    """The plates and pipes of the settings."""
 
     plate: int  #: bore in steps of the setting: no single says exactly 13 mm
     pipe: bool
 
     @classmethod
     def by(cls, settings: Mapping[str, float]) -> "Ordered":
-        """Return what ``settings`` (SI) ask for."""
+        """Return the plates and pipes of ``settings`` (SI)."""
         return cls(round(settings[_BORE.name] / _BORE.step), bool(settings["rig.pipe"]))
 
 
 class Fittings:
     """The parts fitted to ``plant``, and the states in which they may be changed.
 
-    The parameter set may differ from the settings: a plate with a wrong bore stays in until a user orders
-    another one. So only a change of the order changes the plant.
+    The parameter set may differ from the settings: a plate with a wrong bore stays until another one is ordered. So
+    only a change of the order changes the plant.
     """
 
     def __init__(
@@ -46,9 +46,9 @@ class Fittings:
         self._ordered = Ordered.by(settings)
 
     def change(self, settings: Mapping[str, float], *, engaged: bool) -> bool:
-        """Fit what ``settings`` ask for; return False, with nothing changed, where that is not allowed now.
+        """Install the parts of ``settings``; return False, with nothing changed, if that is not allowed now.
 
-        Shims want disengaged actuators (``engaged`` False), plates and pipes chambers without pressure as well.
+        Shims require disengaged actuators (``engaged`` False); plates and pipes also require chambers without pressure.
         """
         ordered = Ordered.by(settings)
         if not self._springs_accept(ordered, settings["rig.nominal_preload"]):
@@ -61,12 +61,12 @@ class Fittings:
         return True
 
     def _under_pressure(self) -> bool:
-        """Show whether air would come out of an open flange; the air asks no sensor."""
+        """Return whether air would escape from an open flange, by the true pressure, not the sensor."""
         gauge = self._springs.pressures() if self._springs else self._plant.ideal()[_CHAMBERS]
         return not (np.abs(gauge) < _FLANGE_PRESSURE).all()
 
     def _springs_accept(self, ordered: Ordered, preload: float) -> bool:
-        """Return whether springs that an FMU computes have inputs for all that is to be changed."""
+        """Return whether the springs of an FMU have inputs for all changes."""
         if self._springs is None:
             return True
         adjustable, par = self._springs.adjustable, self._plant.parameters
@@ -75,10 +75,10 @@ class Fittings:
         return plates and shims and ordered.pipe == self._ordered.pipe
 
     def _shim(self, preload: float, engaged: bool) -> bool:
-        """Set the height to zero for ``preload`` (N per spring), as shims under the emergency springs do.
+        """Set the height to zero for ``preload`` (N per spring), like shims under the emergency springs.
 
-        The bolster is lifted or lowered by what the emergency springs differ between the two loads, so that the
-        bellows do not feel it.
+        The bolster moves by the difference of the emergency springs' deflection under both loads, so that the bellows
+        do not move.
         """
         par, x = self._plant.parameters, self._plant.state
         change = preload - par.nominal_preload
@@ -94,7 +94,7 @@ class Fittings:
         return True
 
     def _fit(self, ordered: Ordered) -> None:
-        """Change plates and pipes of both sides where the order differs from the last one."""
+        """Change plates and pipes of both sides if the order has changed."""
         par = self._plant.parameters
         if ordered.plate != self._ordered.plate:
             par.orifice_diameter[:] = ordered.plate * _BORE.step

@@ -1,7 +1,8 @@
-"""How long a classic CAN frame is on the wire, in bits: exactly, with the stuff bits of its content, or at the most.
+"""The length of a classic CAN frame on the bus in bits: exact, with the stuff bits of its content, or the largest
+possible.
 
-Source: ISO 11898-1. From the start of frame to the end of the CRC a bit of the opposite level is put in after five
-equal ones; CRC delimiter, acknowledgement, end of frame and intermission follow without.
+Source: ISO 11898-1. From the start of frame to the end of the CRC a stuff bit is inserted after five equal bits. CRC
+delimiter, acknowledgement, end of frame and intermission have no stuff bits.
 """
 
 from typing import Any, Final
@@ -24,7 +25,7 @@ _STANDARD, _EXTENDED = (34, 34 + _TAIL + INTERMISSION), (54, 54 + _TAIL + INTERM
 def worst_bits(length: int, *, extended: bool = False) -> int:
     """Return the bits, intermission included, of a frame with ``length`` bytes and every possible stuff bit.
 
-    The first stuff bit takes five equal bits, each further one four, because it begins the next run itself.
+    The first stuff bit requires five equal bits, each further one four, because a stuff bit starts the next run.
     """
     stuffed, total = _EXTENDED if extended else _STANDARD
     return total + 8 * length + (stuffed + 8 * length - 1) // 4
@@ -45,9 +46,9 @@ def frame_bits(block: Block) -> npt.NDArray[np.int64]:
 
 
 def arbitration_key(identifier: int, *, extended: bool) -> int:
-    """Return what decides who goes first: the smaller one does, bit by bit as on the wire.
+    """Return the priority in the arbitration: the smaller key wins, bit by bit as on the bus.
 
-    Of two equal first parts the standard frame wins: its RTR and IDE bits are dominant.
+    If the first parts are equal, the standard frame wins, because its RTR and IDE bits are dominant.
     """
     if extended:
         return (identifier >> 18) << 19 | 1 << 18 | (identifier & 0x3_FFFF)

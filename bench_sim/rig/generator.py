@@ -1,4 +1,4 @@
-"""The function generator of the rig: how a program of waves is started, held and stopped; the tick moves it on."""
+"""The function generator of the rig: start, hold and stop of a program of waves. The tick advances it."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
@@ -18,9 +18,9 @@ Wave = Mapping[str, float]
 class FunctionGenerator:
     """The program in the tick's ``controls``, started with the ``settings`` in force (SI, by name).
 
-    A program is the wave that is set, or all waves that were added before it is run: these start on one tick, each
-    after its delay, and end, are held and are stopped together. Or it is the ride of a car, which ``couplings`` join to
-    the bench. ``lever``: m per rad, of a roll at the vertical actuators.
+    A program is the wave of the settings, or all waves that were added before: these start on one tick, each after its
+    delay, and are held, stopped and ended together. Or it is the ride of a car, which ``couplings`` connect to the
+    bench. ``lever`` is m per rad of a roll at the vertical actuators.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class FunctionGenerator:
         return self._controls["program"] in (Program.RUN, Program.HOLD)
 
     def add(self) -> bool:
-        """Keep the wave that is set for the next program; return whether it can be part of it."""
+        """Store the wave of the settings for the next program; return whether it can be part of it."""
         waves = [*self._added, self._set_wave()]
         if self.busy or len(waves) > WAVES_AT_ONCE or self._amplitudes(waves) is None:
             return False
@@ -48,11 +48,11 @@ class FunctionGenerator:
         return True
 
     def drop(self) -> None:
-        """Forget the waves that were added for the next program."""
+        """Delete the waves that were added for the next program."""
         self._added = []
 
     def run(self) -> bool:
-        """Start the program that is set, or go on with the one that is held; return whether that is possible."""
+        """Start the program of the settings, or resume a held one; return whether that is possible."""
         c = self._controls
         if c["program"] == Program.RUN:
             return False
@@ -76,7 +76,7 @@ class FunctionGenerator:
         return True
 
     def ride(self) -> bool:
-        """Start the ride of the car that is set; return whether that is possible: all actuators hold displacements."""
+        """Start the ride of the car in the settings; return whether all actuators are in displacement control."""
         c = self._controls
         if self.busy or self._added or (c["control"] != _DISPLACEMENT).any():
             return False
@@ -87,7 +87,7 @@ class FunctionGenerator:
         return True
 
     def hold(self) -> bool:
-        """Stay where the program is; return whether one ran."""
+        """Hold the program at its present position; return whether one ran."""
         if self._controls["program"] != Program.RUN:
             return False
         self._controls["program"] = Program.HOLD
@@ -104,27 +104,29 @@ class FunctionGenerator:
         return True
 
     def freeze(self) -> None:
-        """End the program where it is: the set-points take over its offset."""
+        """End the program at its present position: the set-points take over its offset."""
         c = self._controls
         self._absorb_offset()
         c["program"] = Program.STOPPED if c["program"] != Program.IDLE else Program.IDLE
 
     def clear(self) -> None:
-        """Have no program, as after power on; the set-points keep what the last one added to them."""
+        """Remove the program, as after power on; the set-points keep the offset of the last one."""
         self._added = []
         if self._controls["program"] != Program.IDLE:
             self.freeze()
             self._controls["program"] = Program.IDLE
 
     def forget(self) -> None:
-        """Forget how far the last program has come, which is over."""
+        """Reset the progress of the last program."""
         self._controls["phase"] = 0.0
 
     def _set_wave(self) -> Wave:
         return {name: value for name, value in self._settings.items() if name.startswith("generator.")}
 
     def _amplitudes(self, waves: Sequence[Wave]) -> Any:
-        """Return how far each of ``waves`` moves each set-point (SI); None if one cannot, or could not follow all."""
+        """Return the amplitudes of ``waves`` by set-point (SI); None if one is not possible, or all together are too
+        fast.
+        """
         heights = [self._height(wave) for wave in waves]
         if any(height is None for height in heights):
             return None
@@ -139,7 +141,7 @@ class FunctionGenerator:
         return int(self._controls["control"][target]) if target <= Target.LATERAL else _DISPLACEMENT
 
     def _height(self, wave: Wave) -> Any:
-        """Return the amplitude by set-point of one wave in the present control modes; None if it cannot move so."""
+        """Return the amplitude by set-point of one wave in the present control modes; None if it is not possible."""
         name = AXES[int(wave["generator.axis"])]
         targets = {"vertical": (1.0, 1.0), "roll": (1.0, -1.0)}
         first = Target.VERTICAL_LEFT if name in targets else Target[name.upper()]

@@ -10,7 +10,7 @@ from bench_sim.rig.controls import TICK_NS, Happened
 
 @compiled
 def send_heartbeat(c: Any, out: Any, position: int) -> int:
-    """Write the node's heartbeat to ``out`` if its time has come; return the position behind it."""
+    """Write the node's heartbeat to ``out`` if it is due; return the position after it."""
     if c.heartbeat <= 0 or c.tick < c.heartbeat_due:
         return position
     c.heartbeat_due = c.tick + c.heartbeat

@@ -1,4 +1,4 @@
-"""The settings in force: how they are taken over, and how they return to rest when a command ends."""
+"""The settings in force: how they are applied, and how they return to rest when a command ends."""
 
 import math
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ _ACTUATORS: Final = tuple(Target[name.upper()] for name in ACTUATORS)
 
 
 class InForce:
-    """What the settings make of the tick's ``controls`` and of the ``plant``'s fittings; ``values``: signals by row."""
+    """Applies settings to the tick's ``controls`` and to the ``plant``'s fittings; ``values`` are signals by row."""
 
     def __init__(
         self,
@@ -45,7 +45,7 @@ class InForce:
         self._put(registers.active)
 
     def apply(self, settings: Mapping[str, float]) -> bool:
-        """Take over all settings at once, control modes without a bump; return whether that is allowed now."""
+        """Apply all settings at once, control modes without a bump; return whether that is allowed now."""
         c = self._controls
         if self.generator.busy and (c["control"] != _modes(settings)).any():
             return False  # a mode must not change under a running program
@@ -95,14 +95,16 @@ class InForce:
 
     @property
     def astray(self) -> bool:
-        """Whether an actuator measures something far from its set-point: it did not follow, or its reading lies."""
+        """Whether a reading of an actuator is far from its set-point: the actuator did not follow, or the reading is
+        wrong.
+        """
         return any(
             abs(self._asked(target) - self._measured(target)) > NEAR[self._mode(target)]
             for target in _ACTUATORS
         )
 
     def _present(self, target: Target) -> float:
-        """What to ask of an actuator, next to the generator's offset, so that nothing changes."""
+        """Return the set-point of an actuator, in addition to the generator's offset, that changes nothing."""
         measured = self._measured(target)
         return 0.0 if np.isnan(measured) else measured - float(self._controls["offset"][target])
 

@@ -1,4 +1,4 @@
-"""The report of an incident in words: the trip, the events before it, the reaction of the bench, and the end."""
+"""The report of an incident as text: the trip, the events before it, the reaction of the bench, and the end."""
 
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
@@ -23,14 +23,14 @@ _EVENTS_AFTER: Final = 12
 
 
 class IncidentEvent(NamedTuple):
-    """Something that happened to the bench, in words; ``tick`` in ms since the rig started."""
+    """An event of the bench as text; ``tick`` in ms since the rig started."""
 
     tick: int
     text: str
 
 
 def story(incident: Incident, cause: str, signal: str, events: Sequence[IncidentEvent]) -> str:
-    """Return the story of ``cause``, for which ``signal`` tripped: one line a sentence, times since the start."""
+    """Return the report of ``cause``, for which ``signal`` tripped: one sentence per line, times since the start."""
     lines = [f"{clock(incident.tick)} {cause}"]
     lines += [f"  before: {line}" for line in _before(incident, signal)]
     after = [event for event in events if event.tick >= incident.tick]
@@ -50,7 +50,7 @@ def clock(tick: int) -> str:
 
 
 def named(name: str) -> str:
-    """Return a signal's name as people say it."""
+    """Return a signal's name with spaces."""
     return name.replace(".", " ").replace("_", " ")
 
 
@@ -99,7 +99,7 @@ def _before(incident: Incident, first: str) -> list[str]:
 
 
 def _course(signal: Signal, past: npt.NDArray[np.int16], start: float, end: float, since: str) -> str:
-    """Show whether a reading was still on its way, or had been at its level for some time."""
+    """Return a sentence: the reading was still changing, or had been at its level for some time."""
     away = np.abs(past - end) > _NEAR * abs(end - start)
     there = (past.size - 1 - np.flatnonzero(away)[-1]) / FAST_RATE if away.any() else 0.0
     if there >= 0.5:
@@ -109,7 +109,7 @@ def _course(signal: Signal, past: npt.NDArray[np.int16], start: float, end: floa
 
 
 def _since(inside: npt.NDArray[np.bool_]) -> str:
-    """Return how long ago the last True was."""
+    """Return the time since the last True as text."""
     there = np.flatnonzero(inside)
     ago = (inside.size - 1 - there[-1]) / FAST_RATE if there.size else inside.size / FAST_RATE
     return f"{ago:.1f} s" if ago >= 1 else f"{ago * 1000:.0f} ms"

@@ -20,7 +20,7 @@ _LATE_ROW: Final = TABLE.index["rig.late_ticks"]
 
 @compiled
 def count_lateness(values: Any, late: int, pacing: Any) -> int:
-    """Count a tick that begins ``late`` (ns) after its deadline; return what the supervisor must decide on.
+    """Count a tick that begins ``late`` (ns) after its deadline; return the events for the supervisor.
 
     The counts are signals in ``values`` (by table row).
     """

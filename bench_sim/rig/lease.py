@@ -28,7 +28,7 @@ class Lease:
     """The lease of one rig, in the tick's ``controls`` and the signals in ``values`` (SI, by table row).
 
     A lease is granted to a Modbus connection, and ends with this connection. Or it is granted to a CAN connection on
-    request, and ends when this is silent or closed. The holder has at most one connection on each wire. Each is
+    request, and ends when this is silent or closed. The holder has at most one connection on each bus. Each is
     identified by its name, never by a port or by a token that other clients can read:
 
     * Granted on Modbus: the token is returned on that connection alone. The first CAN connection that commands with it
@@ -36,7 +36,7 @@ class Lease:
     * Granted on CAN: every Modbus connection reads its own key instead of the token. The CAN connection sends the key
       of the Modbus connection that may join.
 
-    A lease also ends when the commander has been silent on both wires for long enough that the bench is safe, because
+    A lease also ends when the commander has been silent on both buses for long enough that the bench is safe, because
     open connections do not prove that a client still runs. A connection that has lost the lease in this way is refused
     until it requests the lease again.
 

@@ -1,4 +1,4 @@
-"""The limits of a rig as its file says them: over the assumed ones, with units, refused when they do not fit."""
+"""The limits of a rig from its file, which override the assumed ones; invalid ones are refused."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -29,9 +29,9 @@ _KEYS: Final = (
 
 
 def limits_of(rows: Sequence[Mapping[str, Any]]) -> tuple[Limit, ...]:
-    """Return the assumed limits with those of ``rows`` instead of, or behind, theirs of one signal and kind.
+    """Return the assumed limits with those of ``rows``, which replace limits of the same signal and kind or are added.
 
-    ValueError with key, value and what would be right.
+    Raises ValueError with key, value and correct form.
     """
     limits = {(limit.signal, limit.kind): limit for limit in LIMITS}
     for row in rows:
@@ -100,7 +100,7 @@ def _action(text: object) -> LimitAction:
 
 
 def _number(key: str, text: object, si: str) -> float:
-    """Return what ``text``, a number with its unit, says in the unit ``si``; a count is a number alone."""
+    """Return ``text``, a number with its unit, in the unit ``si``; a count has no unit."""
     fitting = [unit for unit in FACTORS if UNITS[unit].si == si]
     if si == "1" and isinstance(text, (int, float)) and not isinstance(text, bool):
         return float(text)
@@ -116,7 +116,7 @@ def _number(key: str, text: object, si: str) -> float:
 
 
 def listed(limits: Sequence[Limit]) -> list[tuple[str, ...]]:
-    """Return the limits as people read them: signal, kind, at, for how long, hysteresis, latch, action."""
+    """Return the limits as text: signal, kind, value, duration, hysteresis, latch, action."""
     rows: list[tuple[str, ...]] = []
     for one in limits:
         signal = TABLE[one.signal]

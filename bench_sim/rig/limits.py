@@ -1,4 +1,4 @@
-"""Limit detectors of the bench: what of a reading is judged, how far it may go, for how long, and what happens then."""
+"""Limit detectors of the bench: the judged quantity of a reading, its limit, its duration, and the action."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -17,7 +17,7 @@ from bench_sim.rig.controls import Happened
 
 
 class LimitAction(IntEnum):
-    """The reaction to a tripped detector, from the mildest to the hardest."""
+    """The action of a tripped detector, from the weakest to the strongest."""
 
     NONE = 0  #: the detector is switched off
     INDICATE = 1  #: it is reported, and nothing else
@@ -29,12 +29,12 @@ class LimitAction(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """A detector on one reading; SI units, those of the reading where nothing else is said.
+    """A detector on one reading; SI, in the unit of the reading unless stated otherwise.
 
-    ``at``: UPPER and LOWER compare with it where the reading will be after ``lead`` at its present speed, ERROR how far
-    the reading is from its set-point, RATE how fast it changes (1/s), TIMEOUT for how long (s) there is no reading, or,
-    with ``within``, for how long the reading is farther than that from a set-point that is at rest; COUNT how often
-    the reading has risen over ``level``.
+    ``at`` is compared with: UPPER and LOWER: the reading, extrapolated by ``lead``; ERROR: the deviation of the reading
+    from its set-point; RATE: its rate of change (1/s); TIMEOUT: the time (s) without a reading or, with ``within``, the
+    time during which the reading is farther than that from a constant set-point; COUNT: how often the reading has risen
+    above ``level``.
     """
 
     signal: str
@@ -50,7 +50,7 @@ class Limit:
     level: float = 0.0  #: COUNT
 
     def trip_message(self, judged: float) -> str:
-        """Return in words that this limit has tripped on ``judged``, and what happens now."""
+        """Return a sentence on the trip of this limit by ``judged``, and its action."""
         signal = TABLE[self.signal]
         name, at, was = (
             self.signal.replace(".", " ").replace("_", " "),
@@ -73,7 +73,7 @@ class Limit:
 def _span(
     signal: str, low: float, high: float, hysteresis: float, action: LimitAction, lead: float = 0.0
 ) -> tuple[Limit, Limit, Limit]:
-    """Both ends of what a reading may be, and that there is one: a reading that is gone keeps no limit."""
+    """Return lower and upper limit of a reading, and a timeout, because a missing reading is within no limit."""
     return (
         Limit(signal, LimitKind.LOWER, low, action, hysteresis=hysteresis),
         Limit(signal, LimitKind.UPPER, high, action, hysteresis=hysteresis, lead=lead),
@@ -145,9 +145,9 @@ def _aim(signal: str) -> tuple[int, int]:
 
 
 def detectors(table: Table, limits: tuple[Limit, ...]) -> npt.NDArray[np.void]:
-    """Compile ``limits`` into the array that the tick reads.
+    """Return ``limits`` as the array that the tick reads.
 
-    ValueError for an error of, or an arrival at, a set-point that the reading has not.
+    ValueError for an error of, or an arrival at, a set-point that the reading does not have.
     """
     rows = np.zeros(len(limits), DETECTOR)
     for row, limit in zip(rows, limits, strict=True):
@@ -168,7 +168,7 @@ def detectors(table: Table, limits: tuple[Limit, ...]) -> npt.NDArray[np.void]:
 
 @compiled
 def _error(c: Any, detector: Any, reading: float) -> float:
-    """Return the difference of ``reading`` and its set-point; 0 while it has no set-point."""
+    """Return the difference of ``reading`` and its set-point; 0 without a set-point."""
     target = detector.target
     if detector.mode >= 0 and (c.engaged == 0 or c.control[target] != detector.mode):
         return 0.0
@@ -177,7 +177,7 @@ def _error(c: Any, detector: Any, reading: float) -> float:
 
 @compiled
 def _judge(c: Any, detector: Any, reading: float) -> float:
-    """Advance what ``detector`` remembers by one sample; return what it compares with its limit."""
+    """Advance the memory of ``detector`` by one sample; return the value to compare with its limit."""
     kind = detector.kind
     if kind == LimitKind.ERROR:
         return _error(c, detector, reading)
@@ -215,9 +215,9 @@ def _judge(c: Any, detector: Any, reading: float) -> float:
 
 @compiled
 def detect(c: Any, values: Any, detectors: Any) -> int:
-    """Advance the limit detectors by one sample; return whether one of them tripped just now.
+    """Advance the limit detectors by one sample; return whether one of them has just tripped.
 
-    While a limit stays exceeded, its detector allows the reading to come back, step by step, but not to go out again.
+    While a limit stays exceeded, its detector allows the reading to return in steps, but not to increase again.
     """
     happened = Happened.NOTHING.value
     for row in range(detectors.size):
@@ -249,7 +249,7 @@ def detect(c: Any, values: Any, detectors: Any) -> int:
 def reset_detectors(detectors: npt.NDArray[np.void]) -> None:
     """Clear all trips.
 
-    A reading that is still outside its limit trips only if it goes farther out, so that it can be moved back.
+    A reading that is still outside its limit trips only if it increases further, so that it can be moved back.
     """
     for name in ("tripped", "reported", "outside", "age", "count"):
         detectors[name] = 0

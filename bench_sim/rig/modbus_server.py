@@ -19,7 +19,7 @@ _REQUESTS_AT_ONCE: Final = 64
 
 
 def _at_once(response: bytes) -> Sequence[tuple[float, bytes]]:
-    """Send an answer as a whole and without waiting."""
+    """Return an answer as one piece without delay."""
     return ((0.0, response),)
 
 
@@ -86,7 +86,7 @@ class _ModbusClient(Connection):
             self._expect()
 
     def _send(self, responses: Iterable[bytes]) -> None:
-        """Send answers, or keep their pieces until their time has come."""
+        """Send answers, or keep their pieces until they are due."""
         now = when = self.loop.time()
         for response in responses:
             for gap, piece in self._server.pieces(response):
@@ -112,7 +112,7 @@ class _ModbusClient(Connection):
             self._respond()
 
     def _expect(self) -> None:
-        """Wait for the next request: long if nothing has come of it yet, briefly if it has begun."""
+        """Set the time limit for the next request: long before it begins, short once it has begun."""
         server = self._server
         self.drop_after(server.split_limit if self._stream.partial else server.idle_limit)
 
@@ -121,7 +121,7 @@ class _ModbusClient(Connection):
         return idle and self._server.commands(self.name)
 
     def pause_writing(self) -> None:
-        """Stop reading from a client that does not fetch its answers; it has ``split_limit`` s to begin."""
+        """Stop reading from a client that does not read its answers; it has ``split_limit`` s to begin."""
         self._blocked = True
         assert self.transport is not None
         self.transport.pause_reading()
@@ -133,15 +133,15 @@ class _ModbusClient(Connection):
 
 
 class ModbusTcpServer:
-    """A Modbus/TCP server around ``answer(adu, peer)``, which returns the response ADU or None for silence.
+    """A Modbus/TCP server around ``answer(adu, peer)``, which returns the response ADU or None for no response.
 
-    Pipelined and split requests are fine; a wrong header ends the connection. So does silence for ``idle_limit`` s, a
-    request that stays incomplete or answers that stay unfetched for ``split_limit`` s. An error inside ``answer`` is
-    exception 4 to the client and is reported to the loop's exception handler. ``pieces(response)`` returns in which
-    pieces an answer leaves, each with the time (s) since the one before.
+    Pipelined and split requests are allowed. A connection ends after a wrong header, after ``idle_limit`` s of silence,
+    and after ``split_limit`` s with an incomplete request or unread answers. An error inside ``answer`` is exception 4
+    to the client and is reported to the loop's exception handler. ``pieces(response)`` returns the pieces of an answer,
+    each with the time (s) since the one before.
 
-    One place beyond ``clients_max`` is kept for the peer of which ``holds(peer)`` is true; one of which
-    ``commands(peer)`` is true, because it commands on the other wire, may be silent for as long as it likes.
+    One place beyond ``clients_max`` is reserved for the peer for which ``holds(peer)`` is true. A peer for which
+    ``commands(peer)`` is true commands on the other bus and has no time limit.
     """
 
     def __init__(
@@ -168,7 +168,7 @@ class ModbusTcpServer:
 
     @property
     def clients(self) -> tuple[str, ...]:
-        """Return the names of the connected clients."""
+        """The names of the connected clients."""
         return tuple(client.name for client in self._clients)
 
     def open(self) -> None:
@@ -180,11 +180,11 @@ class ModbusTcpServer:
             client.drop()
 
     def cut(self) -> None:
-        """Close all connections, and every new one at once, until `restore`; from any thread."""
+        """Close all connections and refuse new ones until `restore`; from any thread."""
         self._soon(self.close)
 
     def restore(self) -> None:
-        """Let clients in again; from any thread."""
+        """Accept clients again; from any thread."""
         self._soon(self.open)
 
     def _soon(self, do: Callable[[], None]) -> None:

@@ -1,4 +1,6 @@
-"""The values behind the rig's object dictionary: what an SDO reads of the bench, and may set of the communication."""
+"""The values of the rig's object dictionary: values of the bench that an SDO can read, and settings of the
+communication.
+"""
 
 import math
 import struct
@@ -61,13 +63,13 @@ class NodeHost(Protocol):
 
     @property
     def held(self) -> bool:
-        """Whether a user holds the bench."""
+        """Whether the bench has a holder."""
 
     def is_token(self, token: int, peer: str) -> bool:
         """Return whether ``peer`` is the CAN connection of the holder, and has sent its ``token``."""
 
     def refuse(self, peer: str, identifier: int) -> None:
-        """Count a frame of ``peer`` that wanted something of a bench that a user holds."""
+        """Count a refused frame of ``peer``, because the bench has another holder."""
 
     def contact(self, name: str) -> bool:
         """Return the state of an interlock."""
@@ -127,7 +129,7 @@ class NodeObjects:
         return entry.default
 
     def _code(self, index: int, sub: int) -> int:
-        """Return the code of a field, as the last frame has it or the next one will."""
+        """Return the code of a field in the last frame, or in the next one."""
         message = _MESSAGES[index]
         if sub == COUNTER_SUB:
             return int(self._encoder.counters[TABLE.message_index[message.name]] - 1) & 0xFF
@@ -179,7 +181,7 @@ def _coded(entry: Entry, value: int | str) -> bytes:
 
 
 def _raw(field: Field, value: float) -> int:
-    """Return the code that a frame carries for ``value`` (SI), as the compiled codec makes it."""
+    """Return the code of ``value`` (SI) in a frame, as in the compiled codec."""
     if math.isnan(value):
         return field.raw_null if field.nullable else 0
     step = field.step or TABLE[field.signal].step
@@ -187,7 +189,7 @@ def _raw(field: Field, value: float) -> int:
 
 
 def _refusal(index: int, sub: int, value: int, entry: Entry) -> AbortCode | None:
-    """Return why a parameter may not have ``value``, None if it may."""
+    """Return why ``value`` is invalid for a parameter, None if it is valid."""
     low, high = entry.low, entry.high
     good = True
     if index == ERROR_HISTORY:

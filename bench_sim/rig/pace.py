@@ -1,4 +1,4 @@
-"""The pace of a real CAN bus: frames take their time on the wire, wait their turn by identifier, fail and are repeated.
+"""The timing of a real CAN bus: duration of frames, arbitration by identifier, errors and repetition.
 
 Sources: ISO 11898-1 for lengths, arbitration, error frames and fault confinement.
 """
@@ -38,7 +38,7 @@ _TIME: Final = struct.Struct("<q")
 
 
 def read_bit_rate(text: str) -> float:
-    """Return the bit rate (bit/s) that ``text`` says, such as 500k, 1M or 83333; ValueError for anything else."""
+    """Return the bit rate (bit/s) of ``text``, such as 500k, 1M or 83333; ValueError for anything else."""
     found = re.fullmatch(r"(\d+(?:\.\d+)?)([kM]?)", text.strip())
     if not found:
         raise ValueError(f"bit_rate = {text} is not a bit rate; use 500k, 1M or a number of bit/s")
@@ -87,11 +87,11 @@ class _Waiting:
 
 
 class Pace(Stage):
-    """A bus of ``bit_rate`` (bit/s) on which every frame is stamped with the time at which it ended.
+    """A bus of ``bit_rate`` (bit/s) on which every frame is stamped with the time of its end.
 
     ``stuffing`` counts the stuff bits of each content, or every possible one. A fraction ``error_rate`` of the frames,
-    drawn from ``seed``, goes wrong at some bit, costs an error frame, and is repeated. A node that is off the bus comes
-    back after 128 runs of eleven recessive bits, which count from ``restart`` s on. Every frame is acknowledged.
+    drawn from ``seed``, fails at a random bit, causes an error frame, and is repeated. A node that is off the bus
+    returns after 128 runs of eleven recessive bits, which count from ``restart`` s on. Every frame is acknowledged.
     ``tell(load, errors)`` is called every 100 ms with the bus load of the last second, and the rig's transmit errors.
     """
 
@@ -142,7 +142,7 @@ class Pace(Stage):
 
     @property
     def waiting(self) -> int:
-        """Return the number of frames in send queues."""
+        """The number of frames in send queues."""
         return len(self._arriving) + len(self._contending)
 
     def spoil(self, peer: str, frames: int) -> None:
@@ -184,7 +184,7 @@ class Pace(Stage):
         self.nodes.pop(peer, None)
 
     def receives(self, peer: str) -> bool:
-        """Return whether ``peer`` receives anything: not while it is off the bus."""
+        """Return whether ``peer`` receives frames: not while it is off the bus."""
         return self._node(peer).off_since < 0
 
     def _node(self, peer: str) -> Node:
@@ -229,7 +229,7 @@ class Pace(Stage):
                 one.receive_errors = max(0, min(one.receive_errors, _PASSIVE_ABOVE + 1) - 1)
 
     def _fail(self, entry: _Waiting, node: Node, begin: float) -> int:
-        """Break the frame off at some bit; return how long the bus was busy with it."""
+        """Abort the frame at a random bit; return the time during which it occupied the bus."""
         node.spoilt = max(0, node.spoilt - 1)
         passive = node.state is NodeState.PASSIVE
         bits = 1 + self._chance.randrange(entry.bits - INTERMISSION) + _ERROR_FRAME + _SUSPENDED * passive
@@ -246,7 +246,7 @@ class Pace(Stage):
         return bits
 
     def _recover(self, now: int) -> None:
-        """Let nodes that have waited long enough come back."""
+        """Return nodes to the bus that have waited long enough."""
         for node in self.nodes.values():
             if node.off_since < 0:
                 continue

@@ -1,4 +1,4 @@
-"""The names of the rig's peers: the wire of a connection, its full address, and a number that no other one has."""
+"""The names of the rig's peers: bus of a connection, its full address, and a unique number."""
 
 from typing import Final
 
@@ -10,14 +10,14 @@ PORT_MASK: Final = (1 << _PORT_BITS) - 1
 
 
 def peer_name(wire: str, host: str, port: int, number: int) -> str:
-    """Return the name of the connection with this ``number`` that comes from ``port`` of ``host``."""
+    """Return the name of the connection with this ``number`` from ``port`` of ``host``."""
     return f"{wire}:{host}:{port}#{number}"
 
 
 def sender_of(peer: str) -> int:
-    """Return the number by which the tick knows the connection ``peer``: its own number, and its TCP port.
+    """Return the number of the connection ``peer`` in the tick: its own number, and its TCP port.
 
-    0 where there is neither: frames on a SocketCAN interface have no sender.
+    0 without both, because frames on a SocketCAN interface have no sender.
     """
     address, _, number = peer.partition("#")
     _, colon, port = address.rpartition(":")

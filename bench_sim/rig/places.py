@@ -1,4 +1,4 @@
-"""The places of a server: a number of places for all clients, and one that is kept for the holder of the bench."""
+"""The places of a server: a number of places for all clients, and one that is reserved for the holder of the bench."""
 
 from collections.abc import Callable, Iterator
 from typing import Final, Generic, TypeVar
@@ -18,7 +18,7 @@ class Places(Generic[C]):
     """The connections of one server: ``limit`` of them, and one for the holder, whom ``holds(peer)`` identifies.
 
     When all places are taken, one more client at a time is admitted on trial. It is dropped if it does not hold the
-    bench within 2 s. So other clients that fill the server do not keep its commander out.
+    bench within 2 s. So other clients cannot block the commander.
     """
 
     def __init__(self, limit: int, holds: Holds | None = None) -> None:
@@ -32,7 +32,7 @@ class Places(Generic[C]):
         return connection in self._taken
 
     def admit(self, connection: C) -> bool:
-        """Give ``connection`` a place, on trial if need be; return whether there is one."""
+        """Give ``connection`` a place, on trial if necessary; return whether there is one."""
         holds = self._holds
         others = sum(not (holds and holds(one.name)) for one in self._taken)
         if others > self._limit or (others == self._limit and holds is None):
@@ -43,7 +43,7 @@ class Places(Generic[C]):
         return True
 
     def leave(self, connection: C) -> bool:
-        """Take the place of ``connection`` back; return whether it had one."""
+        """Free the place of ``connection``; return whether it had one."""
         if connection not in self._taken:
             return False
         del self._taken[connection]

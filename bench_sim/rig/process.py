@@ -43,9 +43,9 @@ def run_rig(
 ) -> None:
     """Open CAN and Modbus, call ``ready(can, modbus, control)`` with their addresses, and tick until ``stop`` is set.
 
-    ``can`` is ``auto`` (``vcan0`` if the kernel has it, else TCP), ``tcp`` or a SocketCAN interface; ``stages``
-    are on the bus behind it, and so is ``capture``, from which other programs read all frames on ``capture_port``.
-    Raises OSError in words if one of them cannot be opened; everything is closed on return.
+    ``can`` is ``auto`` (``vcan0`` if the kernel has it, else TCP), ``tcp`` or a SocketCAN interface. ``stages`` are on
+    the bus before it, and so is ``capture``, from which other programs read all frames on ``capture_port``. Raises
+    OSError with a text if a port cannot be opened; everything is closed on return.
     """
     interface = find_interface() if can == "auto" else None if can == "tcp" else can
     rig.lease.draw_unpredictably()
@@ -97,7 +97,9 @@ def _open_bus(rig: Rig, interface: str | None) -> tuple[CanBus, SocketCan | None
     clock, started = RealClock(), wall_time_ns()
 
     def now() -> int:
-        """Return the time for stamps: a step of the system clock must not part them from those of the rig's frames."""
+        """Return the time for stamps, which a step of the system clock does not affect, like those of the rig's
+        frames.
+        """
         return started + clock.now()
 
     bus = CanBus(rig.receive, clock, now)
@@ -115,7 +117,7 @@ def _open_bus(rig: Rig, interface: str | None) -> tuple[CanBus, SocketCan | None
 
 @contextlib.contextmanager
 def _ticking(rig: Rig, eventfd: int, policy: Late, stop: threading.Event) -> Iterator[None]:
-    """Let ``rig`` tick in its own thread while the block lasts; a failure sets ``stop`` and is raised."""
+    """Run the ticks of ``rig`` in its own thread during the block; a failure sets ``stop`` and is raised."""
     failed: list[BaseException] = []
 
     def tick() -> None:
@@ -153,7 +155,7 @@ def _undisturbed() -> Iterator[None]:
 
 
 def find_interface() -> str | None:
-    """Return ``vcan0`` if the kernel has it and it is up, as the drivers do; a real bus must be asked for by name."""
+    """Return ``vcan0`` if the kernel has it and it is up, like the drivers; a real bus must be requested by name."""
     try:
         flags = int(Path("/sys/class/net/vcan0/flags").read_text(encoding="ascii"), 16)
     except OSError:

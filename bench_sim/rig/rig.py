@@ -1,4 +1,6 @@
-"""The whole rig without socket and clock: it receives frames and requests and returns frames and answers, by tick."""
+"""The whole rig without sockets and clock: it receives frames and requests, and returns frames and answers, tick by
+tick.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
@@ -138,7 +140,7 @@ class Rig:
         self.supervisor.handle(Event.POWER_ON)
 
     def _hold_position(self) -> None:
-        """Set zeros and set-points of the actuators to the bias of the transducers that hold them: nothing moves."""
+        """Set zeros and set-points of the actuators to the bias of their transducers, so that nothing moves."""
         zero = self.plant.parameters.sensor_bias[list(HOLDING)]
         for what in ("zero", "setpoint", "goal"):
             self._controls[what] = zero
@@ -154,7 +156,7 @@ class Rig:
 
     @cached_property
     def _run_ticks(self) -> Any:
-        """The compiled ticks; in virtual time the caller may bring its own, and loading them takes 0.2 s."""
+        """The compiled ticks. Virtual time may use the caller's own, so they are loaded (0.2 s) only on use."""
         return bind(run_ticks, 1, *self._tick_state, self._scratch)
 
     def _bind_kernels(self) -> None:
@@ -192,7 +194,7 @@ class Rig:
         )
 
     def _rows(self, rate: float) -> npt.NDArray[np.int64]:
-        """Return the rows of the messages that leave at ``rate`` (Hz)."""
+        """Return the rows of the messages that are sent at ``rate`` (Hz)."""
         return self._encoder.rows([m.name for m in TABLE.messages if m.from_rig and m.rate == rate])
 
     # -- CAN and Modbus ------------------------------------------------------------------------------------------
@@ -243,9 +245,9 @@ class Rig:
         return blocks[0] if len(blocks) == 1 else join(blocks)
 
     def run_until_event(self, ticks: int, streamed: Streamed | None = None) -> tuple[Block, bool]:
-        """Run ``ticks`` ticks, or fewer until something happens; return the frames, and whether something happened.
+        """Run ``ticks`` ticks, or fewer until an event occurs; return the frames, and whether there was an event.
 
-        ``streamed`` runs the compiled ticks, and gives the rig commands at their times meanwhile.
+        ``streamed`` runs the compiled ticks, with commands for the rig at their times.
         """
         with self.lock:
             room = ticks * FRAMES_PER_TICK_MAX
@@ -264,12 +266,12 @@ class Rig:
 
     @property
     def tick_arguments(self) -> tuple[Any, ...]:
-        """Arguments of the compiled ticks behind their number."""
+        """Arguments of the compiled ticks after their number."""
         return (*self._tick_state, self._scratch)
 
     @property
     def steady(self) -> bool:
-        """Whether the node sends all messages as after booting, so that clients hear of every change."""
+        """Whether the node sends all messages as after booting, so that clients receive every change."""
         return self.node.operational and self.node.objects.parameters == DEFAULTS
 
     @property
@@ -386,7 +388,7 @@ class Rig:
         self.emergencies.report(Reason.HEARTBEAT_LOST)
 
     def heartbeat_back(self) -> None:
-        """Handle a heartbeat that has returned, or is not expected any more; a fault stays until it is reset."""
+        """Handle a heartbeat that has returned, or is no longer expected; a fault stays until it is reset."""
         if self.state not in FAULTS:
             self.emergencies.settle(Reason.HEARTBEAT_LOST)
 

@@ -1,8 +1,8 @@
 """The rig's network servers in their own thread: opens the ports of CAN hub, Modbus, and capture.
 
-The servers know neither the rig nor the plant, only callables: frames and requests go in, frames and answers come
-out. Everything runs on one asyncio loop in one background thread, and the callables are called there, one at a time;
-they must return within a fraction of a millisecond.
+The servers do not import the rig or the plant; they get callables for frames, requests and answers. All run on one
+asyncio loop in one background thread, which calls the callables one at a time. They must return within a fraction of a
+millisecond.
 """
 
 import asyncio
@@ -44,7 +44,7 @@ class Servers:
         self.control: Path | None = None
 
     def stop(self) -> None:
-        """Close the ports and all connections and end the thread, within 1 s; harmless when repeated."""
+        """Close the ports and all connections and end the thread, within 1 s. Repeated calls are harmless."""
         with contextlib.suppress(RuntimeError):  # already closed
             self._loop.call_soon_threadsafe(self._stop.set)
         self._thread.join(timeout=1.0)
@@ -77,11 +77,11 @@ def serve_in_thread(
 ) -> Servers:
     """Open the given servers and return when their ports accept connections; port 0 takes a free one.
 
-    Neither protocol knows who is allowed to do what, so that any ``host`` but the loopback needs ``allow_remote``.
-    ``beacon`` announces the hub by UDP on the loopback every 3 s (SavvyCAN finds it so). ``on_wake`` is called in the
-    servers' thread whenever a user has written to ``eventfd``.
+    Neither protocol has access rights, so any ``host`` except the loopback needs ``allow_remote``. ``beacon`` announces
+    the hub by UDP on the loopback every 3 s (for SavvyCAN). ``on_wake`` is called in the servers' thread after each
+    write to ``eventfd``.
 
-    Raises ValueError for a ``host`` that is not allowed and OSError, in words, for a port that cannot be had.
+    Raises ValueError for a ``host`` that is not allowed and OSError, with a text, for a port that cannot be opened.
     """
     if not allow_remote:
         _require_loopback(host)
@@ -123,7 +123,7 @@ def serve_in_thread(
 
 
 def _start(serve: Callable[[], Coroutine[Any, Any, None]], ready: threading.Event) -> None:
-    """Run ``serve`` on a loop in its own thread; return when it is ``ready``, or raise what it failed with."""
+    """Run ``serve`` on a loop in its own thread; return when it is ``ready``, or raise its error."""
     failed: list[BaseException] = []
 
     def run() -> None:
@@ -177,7 +177,7 @@ async def _listen(
 
 
 async def _close(server: asyncio.Server) -> None:
-    """Close the listening socket, but not under a connection that is just being accepted: asyncio would leak it."""
+    """Close the listening socket when no connection is just being accepted, because asyncio would leak it."""
     loop = asyncio.get_running_loop()
     for sock in server.sockets:
         with contextlib.suppress(NotImplementedError):
@@ -187,7 +187,7 @@ async def _close(server: asyncio.Server) -> None:
 
 
 async def _turns() -> None:
-    """Run the loop for the turns that it needs to accept or close a connection: up to three."""
+    """Run the loop for up to five turns, because accepting or closing a connection needs up to three."""
     for _ in range(5):
         await asyncio.sleep(0)
 

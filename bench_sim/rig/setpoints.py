@@ -69,16 +69,16 @@ _ACTUATORS: Final = len(ACTUATORS)
 
 
 def too_fast(target: int, mode: int, speed: float) -> bool:
-    """Show whether waves of this peak ``speed`` are steeper than what ``target`` can follow in control ``mode``; SI."""
+    """Return whether waves of this peak ``speed`` (SI) are too fast for ``target`` in control ``mode``."""
     pace = _TABLE[target][mode]
     return pace is not None and speed > pace.wave
 
 
 @compiled
 def travel(c: Any) -> None:
-    """Move every set-point one tick towards its goal: on a straight line to where it is to be in ``slew`` ticks.
+    """Move every set-point one tick towards its goal, on a straight line that ends in ``slew`` ticks.
 
-    A goal too far away for that is reached later, at the greatest speed.
+    A goal that is too far away is reached later, at the greatest speed.
     """
     for row in range(TARGETS):
         if c.slew[row] > 0:
@@ -96,7 +96,7 @@ def travel(c: Any) -> None:
 
 
 def frames_of_setpoints() -> npt.NDArray[np.int64]:
-    """Return by table row how many set-points follow in the frame that begins with it; 0 where none begins."""
+    """Return by table row the number of set-points in the frame that begins with it; 0 for other rows."""
     fields = np.zeros(len(TABLE.signals), np.int64)
     for message in TABLE.messages:
         if all(field.signal.endswith("_setpoint") for field in message.fields):
@@ -105,13 +105,15 @@ def frames_of_setpoints() -> npt.NDArray[np.int64]:
 
 
 def ranges() -> npt.NDArray[np.float64]:
-    """Return the lowest and the highest value by table row (SI), each with half a step of grace: (n, 2)."""
+    """Return the lowest and the highest value by table row (SI), each with a tolerance of half a step: (n, 2)."""
     return np.array([(one.low - 0.5 * one.step, one.high + 0.5 * one.step) for one in TABLE.signals])
 
 
 @compiled
 def outside(signals: Any, values: Any, first: int, count: int, ranges: Any) -> bool:
-    """Show whether one of ``count`` samples from ``first`` on is out of its range; NaN is not: it means "as before"."""
+    """Return whether one of ``count`` samples from ``first`` on is out of its range; NaN means "as before" and is
+    allowed.
+    """
     for k in range(first, first + count):
         row = signals[k]
         if values[k] < ranges[row, 0] or values[k] > ranges[row, 1]:

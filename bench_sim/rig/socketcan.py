@@ -27,9 +27,9 @@ _POLL: Final = 0.2  # s, how long close() may wait for the reading thread
 
 
 class SocketCan:
-    """Opens ``interface`` and calls ``on_frames(block, interface)`` for what other nodes send.
+    """Opens ``interface`` and calls ``on_frames(block, interface)`` with the frames of other nodes.
 
-    Raises OSError in words if the kernel has no such interface.
+    Raises OSError with a text if the kernel has no such interface.
     """
 
     def __init__(self, interface: str, on_frames: Callable[[Block, str], None]) -> None:
@@ -100,7 +100,7 @@ class SocketCan:
 
 
 def _block(wire: npt.NDArray[np.void]) -> Block:
-    """Return the data frames in ``wire`` as a frame block; bytes behind a frame's length are zero."""
+    """Return the data frames in ``wire`` as a frame block; bytes after a frame's length are zero."""
     block = np.zeros(wire.size, FRAME)
     extended = wire["id"] & _EXTENDED_FLAG != 0
     block["id"] = np.where(extended, wire["id"] & _ID_MASK, wire["id"] & STANDARD_ID_MAX)

@@ -25,7 +25,7 @@ class ReplacementSprings(Protocol):
 
     @property
     def adjustable(self) -> frozenset[str]:
-        """Parameters that an operator changes between runs and that are inputs of these springs."""
+        """Parameters that an operator changes between runs and for which these springs have inputs."""
 
     @property
     def owned(self) -> frozenset[str]:
@@ -38,4 +38,4 @@ class ReplacementSprings(Protocol):
         """Limit the timeout of a step to what clients of a rig in real time allow."""
 
     def failure(self) -> str:
-        """Return in words why they are lost."""
+        """Return as text why they have failed."""

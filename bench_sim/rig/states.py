@@ -1,4 +1,4 @@
-"""The states of the bench as a table: every transition that exists is a row here, and every other is refused."""
+"""The states of the bench as a table: every transition is a row, and all others are refused."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ class Event(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """One row: in ``source``, ``event`` leads to ``target``; ``needs`` names a condition in words."""
+    """One row: in ``source``, ``event`` leads to ``target``; ``needs`` names a condition as text."""
 
     source: BenchState
     event: Event
@@ -151,7 +151,7 @@ EMERGENCY_CODES: Final[dict[Reason, int]] = {
 
 
 class StateMachine:
-    """The present state, and the only way to leave it."""
+    """The present state, which only events change."""
 
     def __init__(self, conditions: dict[str, Callable[[], bool]]) -> None:
         self._conditions = conditions
@@ -160,14 +160,14 @@ class StateMachine:
         self.reason = Reason.NONE
 
     def allows(self, event: Event) -> bool:
-        """Return whether ``event`` leads anywhere from here, its condition included."""
+        """Return whether ``event`` has a transition in the present state, and its condition is met."""
         row = self._rows.get((self.state, event))
         return row is not None and (not row.needs or self._conditions[row.needs]())
 
     def handle(self, event: Event) -> bool:
         """Take the transition for ``event`` if there is one.
 
-        The first reason for a fault stays until it is reset; only an emergency stop takes its place.
+        The first reason for a fault stays until it is reset; only an emergency stop replaces it.
         """
         if not self.allows(event):
             return False

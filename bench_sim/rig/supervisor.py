@@ -114,7 +114,7 @@ class Supervisor:
         self._step_down()
 
     def _step_down(self) -> None:
-        """Leave the states whose bits are cleared: an edge of a bit enters a state, a low level leaves it."""
+        """Leave the states whose bits are cleared. A rising edge of a bit enters a state, a low level leaves it."""
         if not self._bits & ControlBit.HOLD:
             self.handle(Event.RELEASE)
         if not self._bits & ControlBit.ACTIVE:
@@ -129,18 +129,18 @@ class Supervisor:
         return True
 
     def run_car(self) -> bool:
-        """Start the ride of the car that is set; return whether that is possible now."""
+        """Start the ride of the car in the settings; return whether that is possible now."""
         if self.state is not BenchState.ACTIVE or not self._in_force.generator.ride():
             return False
         self.engage()
         return True
 
     def add_to_program(self) -> bool:
-        """Keep the wave that is set for the program that is started next; return whether that is possible now."""
+        """Store the wave of the settings for the next program; return whether that is possible now."""
         return self.state is BenchState.ACTIVE and self._in_force.generator.add()
 
     def applied(self, *, steered: bool) -> None:
-        """Apply new settings of a commander to air and actuators; ``steered``: a mode was changed."""
+        """Apply new settings of a commander to air and actuators; ``steered`` is True after a change of a mode."""
         if self.state not in LIVE:
             return
         c = self._controls
@@ -238,7 +238,7 @@ class Supervisor:
             c["grip"] = Grip.SHUT  # also for a bolster that floated on its springs: it must not move
 
     def _freeze(self, *, keep_program: bool) -> None:
-        """Stop all motion: set-points stay, the generator pauses, or ends with its offset kept."""
+        """Stop all motion: set-points stay, and the generator pauses, or ends and keeps its offset."""
         c = self._controls
         if keep_program:
             self._in_force.generator.hold()

@@ -1,7 +1,7 @@
 """The compiled tick: set-points, function generator, air control, plant step, sampling, frames, watchdog, limits.
 
-One call runs as many ticks as asked, or fewer: it stops after the tick in which something happened that the state
-machine must decide on, so that real time (one tick a call) and virtual time (many) behave alike to the tick.
+One call runs the requested number of ticks, or fewer: it stops after a tick with an event for the state machine. So
+real time (one tick per call) and virtual time (many) behave the same.
 """
 
 import math
@@ -102,8 +102,8 @@ _PLATEAU: Final = WAVES.index("plateau")
 def waveform(wave: int, phase: float, cycles: float) -> float:
     """Return the unit wave at ``phase`` (cycles since start) of a program of ``cycles`` whole cycles.
 
-    Sine, triangle and plateau fade in over the first cycle and out over the last; the unilateral cosine
-    ``(1 - cos(2 pi phase)) / 2`` starts and ends at rest by itself. Before its start, ``phase`` < 0, a wave is 0.
+    Sine, triangle and plateau fade in over the first cycle and out over the last; the unilateral cosine ``(1 - cos(2 pi
+    phase)) / 2`` starts and ends at rest without a fade. Before its start, ``phase`` < 0, a wave is 0.
     """
     if phase < 0.0:
         return 0.0
@@ -152,7 +152,7 @@ def _generate(c: Any) -> int:
 
 @compiled
 def _go_on(c: Any, mem: Any, par: Any, sampling: Any) -> int:
-    """Advance the program by one tick: its waves, or the car that rides."""
+    """Advance the program by one tick: its waves, or the ride of the car."""
     if c.riding != 0:
         return int(ride(c, mem, par, sampling.faults, sampling.readings))
     return int(_generate(c))
@@ -173,9 +173,9 @@ def _opening(mode: int, target: float, pressure: float) -> float:
 
 @compiled
 def _drive(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
-    """Turn the controls into the inputs of the plant.
+    """Convert the controls to the inputs of the plant.
 
-    Anyone who holds a place closes the loop by the transducer there: it reads the set-point, and is wrong by its zero.
+    An actuator in displacement control follows its own transducer, and so has the error of its zero.
     """
     travel(c)
     for actuator in range(len(ACTUATORS)):
@@ -217,7 +217,9 @@ def _drive(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
 
 @compiled
 def _watch(c: Any) -> int:
-    """Return which watchdogs run out in this tick: of the commands (late, lost), of the holder's writes, of a lease."""
+    """Return the watchdogs that expire in this tick: of the commands (late, lost), of the holder's writes, of a
+    lease.
+    """
     happened = Happened.NOTHING.value
     silence = c.tick - c.command_tick
     if c.tick == c.write_deadline:
@@ -243,7 +245,7 @@ def _watch(c: Any) -> int:
 
 @compiled
 def _appointments(c: Any) -> int:
-    """Return who wanted to be asked in this tick: the state machine, the fault panel."""
+    """Return which parts have an appointment in this tick: the state machine, the fault panel."""
     happened = Happened.NOTHING.value
     if c.tick == c.alarm:
         happened |= Happened.ALARM.value
@@ -253,9 +255,9 @@ def _appointments(c: Any) -> int:
 
 
 class PlantArrays(NamedTuple):
-    """The plant as its compiled step takes it; one record each in ``memory`` and ``parameters``.
+    """The arrays of the plant for its compiled step; one record each in ``memory`` and ``parameters``.
 
-    ``external_springs`` are springs that another user computes, if there are any.
+    ``external_springs`` are springs of an external library, if there are any.
     """
 
     state: npt.NDArray[np.float64]
@@ -276,7 +278,7 @@ class Sampling(NamedTuple):
 
 
 class Sending(NamedTuple):
-    """The layout of the frames, their counters, and the rows of the messages that leave at each rate."""
+    """The layout of the frames, their counters, and the rows of the messages sent at each rate."""
 
     messages: npt.NDArray[np.void]
     fields: npt.NDArray[np.void]
@@ -289,13 +291,13 @@ class Sending(NamedTuple):
 
 @compiled
 def _send(values: Any, sending: Sending, rows: Any, time: int, out: Any, position: int) -> int:
-    """Write one frame per message in ``rows`` to ``out``; return the position behind the last."""
+    """Write one frame per message in ``rows`` to ``out``; return the position after the last."""
     return encode_into(values, rows, time, sending.messages, sending.fields, sending.counters, out, position)
 
 
 @compiled
 def _step(c: Any, plant: PlantArrays, scheme: tuple[int, int], work: Any, algebraic: Any, ideal: Any) -> int:
-    """Take a step; report failed external springs once, and each time the bench is armed without them."""
+    """Take a step; report failed external springs once, and again each time the bench is armed without them."""
     x, u, mem, par = plant.state, plant.inputs, plant.memory[0], plant.parameters[0]
     if plant.external_springs.numbers[Slot.ON] == 0:
         step(x, mem, u, par, TICK, scheme, work, algebraic, ideal)
@@ -325,7 +327,7 @@ def _read(c: Any, plant: PlantArrays, sampling: Sampling, work: Any, algebraic: 
 
 @compiled
 def _judge(c: Any, sampling: Sampling) -> int:
-    """Take over what the sensors have read just now; return what the limits make of it."""
+    """Store the new readings of the sensors; return the events of the limits."""
     for k in range(SENSORS):
         sampling.values[k] = sampling.readings[k]
     keep_grip(c, sampling.values)
@@ -335,7 +337,7 @@ def _judge(c: Any, sampling: Sampling) -> int:
 
 @compiled
 def _write_frames(c: Any, values: Any, sending: Sending, out: Any, position: int) -> int:
-    """Write the frames of a sampling instant to ``out``; return the position behind the last."""
+    """Write the frames of a sampling instant to ``out``; return the position after the last."""
     time = c.tick * TICK_NS
     position = _send(values, sending, sending.fast, time, out, position)
     values[_TICK_ROW] = c.tick % TICK_MODULUS
@@ -385,11 +387,11 @@ def run_ticks(
     pacing: Pacing,
     out: Any,
 ) -> tuple[int, int, int]:
-    """Run up to ``ticks`` ticks; return (ticks run, frames written to ``out``, what happened in the last one).
+    """Run up to ``ticks`` ticks; return (ticks run, frames written to ``out``, events of the last one).
 
-    Records come in arrays of one: numba looks at an array in 0.2 µs and at a record in 13. ``out`` must have room for
-    `FRAMES_PER_TICK_MAX` frames a tick. In real time the interpreter is left meanwhile, each tick waits for its time
-    and locks the mutex while it runs, and its frames leave through the ring ``outgoing``.
+    Records are passed in arrays of one: numba checks an array in 0.2 µs and a record in 13. ``out`` must have room for
+    `FRAMES_PER_TICK_MAX` frames per tick. In real time the interpreter lock is released meanwhile; each tick waits for
+    its time and locks the mutex while it runs, and its frames are sent through the ring ``outgoing``.
     """
     pace = pacing.record[0]
     real = pace.paced != 0

@@ -51,9 +51,9 @@ VOLUMES: Final = frozenset(
 
 
 def differing(before: Any, after: Any) -> list[str]:
-    """Return which parameters of two records are not the same.
+    """Return the names of the parameters that differ between two records.
 
-    `ParameterError` for one that cannot become another one while the bench runs.
+    `ParameterError` for a parameter that cannot change while the bench runs.
     """
     names = [name for name in before.dtype.names if not np.array_equal(before[name], after[name])]
     for name in names:
@@ -78,10 +78,10 @@ def turn(rig: "Rig", at: float, names: list[str], after: Any) -> None:
 
 
 def take(plant: "Plant", values: Mapping[str, npt.NDArray[np.float64]]) -> None:
-    """Give a plant that runs these parameters, and bring what it remembers in line with them.
+    """Set parameters of a running plant, and adapt its memory to them.
 
-    Masses, energies, places and speeds stay. Rubber that begins to relax is relaxed where it is; readings that begin
-    to come late stay as they are until the first of them comes; what drifts, or runs slowly, does so from now on.
+    Masses, energies, positions and speeds stay. Rubber that begins to relax is relaxed at its present position.
+    Readings that become delayed stay constant until the first delayed one arrives. Drifts and a slow clock start now.
     """
     par, mem = plant.parameters, plant.memory
     found = {name: np.array(value) for name, value in values.items()}
@@ -99,9 +99,10 @@ def take(plant: "Plant", values: Mapping[str, npt.NDArray[np.float64]]) -> None:
 
 
 def _take_dashpots(plant: "Plant", ratios: npt.NDArray[np.float64], times: npt.NDArray[np.float64]) -> None:
-    """Give each extra branch of the rubber the dash-pots that it had, where its place is another one now, too.
+    """Give each extra branch of the rubber its own dash-pots, also if its place in the list has changed.
 
-    The list has no gaps: where a branch ends, those behind it move up. A new one is relaxed where its bellows stands.
+    The list has no gaps: when a branch ends, those after it move up. A new branch is relaxed at the position of its
+    bellows.
     """
     par, mem = plant.parameters, plant.memory
     first = int(State.EXTRA_VERTICAL_DASHPOT)

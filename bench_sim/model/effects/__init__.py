@@ -1,7 +1,7 @@
-"""The catalogue of effects: every cause that the bench can be given on purpose and that a diagnosis can name.
+"""The catalogue of effects: causes that can be added to the bench and that a diagnosis can name.
 
-Each family has a file with its effects in order. An effect that changes one quantity is a row; `adds` and `scales` of
-`effect` make its change.
+Each family has a file with its effects in order. An effect that changes one quantity is a row; its change is made by
+`adds` or `scales` of `effect`.
 """
 
 from collections.abc import Mapping

@@ -16,7 +16,7 @@ PLACES: Final = ("left", "right")
 
 
 def springs(place: int | None) -> slice | int:
-    """Index of one spring in a quantity that each has, or of both."""
+    """Return the index of one spring in a quantity of both springs, or of both."""
     return slice(None) if place is None else place
 
 
@@ -56,14 +56,14 @@ def adds(
 ) -> Change:
     """Return a change that adds a parameter of the effect to a quantity of the plant.
 
-    A quantity of both springs changes on the side of the effect, or on both. One of sensors changes for ``sensors``, or
-    for those that ``by_place`` has for the place of the effect.
+    A quantity of both springs changes on the side of the effect, or on both. A quantity of sensors changes for
+    ``sensors``, or for those in ``by_place`` at the place of the effect.
     """
     return partial(_add, quantity, parameter, sensors, by_place)
 
 
 def scales(quantity: str, parameter: str) -> Change:
-    """Return a change that makes a quantity of the plant larger by the share that a parameter of the effect has."""
+    """Return a change that increases a quantity of the plant by a share, which is a parameter of the effect."""
     return partial(_scale, quantity, parameter)
 
 
@@ -95,7 +95,7 @@ def _scale(quantity: str, parameter: str, par: Any, place: int | None, values: M
 
 
 def free_slots(amounts: Any, wanted: int, what: str) -> int:
-    """Return the index of the first free element; raise ValueError where fewer than ``wanted`` are free."""
+    """Return the index of the first free element; raise ValueError if fewer than ``wanted`` are free."""
     used = int((amounts != 0.0).sum())
     if used + wanted > len(amounts):
         raise ValueError(
@@ -106,10 +106,10 @@ def free_slots(amounts: Any, wanted: int, what: str) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """One effect. With amplitude 0 `change` leaves the record bit for bit as it was.
+    """One effect. With amplitude 0 `change` leaves the record unchanged, bit for bit.
 
-    What it declares of itself is tested: that its readings are continuously differentiable in the amplitude at 0
-    (unless it is not ``smooth``), that air stays in the springs (unless it ``loses_air``) and keeps its energy.
+    Its declared properties are tested: its readings are continuously differentiable in the amplitude at 0 (unless it is
+    not ``smooth``), and air stays in the springs (unless it ``loses_air``) and keeps its energy.
     """
 
     name: str
@@ -140,5 +140,5 @@ class Effect:
 
     @property
     def diagnosable(self) -> bool:
-        """Whether a replay of the measured motion can identify it; if not, only the simulated rig can have it."""
+        """Whether a replay of the measured motion can identify it; otherwise only the simulated rig can have it."""
         return self.smooth and self.shown_by is not ShownBy.COMMANDS

@@ -13,7 +13,7 @@ from bench_sim.model.effects.effect import Effect, EffectParameter, free_slots
 
 
 def add_branch(par: Any, ratio: float, time: float) -> None:
-    """Append a Maxwell branch of stiffness ``ratio`` k_sh and time constant ``time`` s; none where the ratio is 0."""
+    """Append a Maxwell branch of stiffness ``ratio`` k_sh and time constant ``time`` s; none if the ratio is 0."""
     if ratio != 0.0:
         slot = free_slots(par.extra_branch_ratio, 1, "extra Maxwell branches")
         par.extra_branch_ratio[slot] = ratio
@@ -56,7 +56,7 @@ def _fractional(par: Any, place: int | None, values: Mapping[str, float]) -> Non
 
 
 def add_friction(par: Any, force: float, travel: float) -> None:
-    """Append a Berg element of ``force`` N with x_2 = ``travel`` m; none where the force is 0."""
+    """Append a Berg element of ``force`` N with x_2 = ``travel`` m; none if the force is 0."""
     if force != 0.0:
         slot = free_slots(par.extra_friction, 1, "extra friction elements")
         par.extra_friction[slot] = force

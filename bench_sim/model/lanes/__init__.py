@@ -1,1 +1,1 @@
-"""Eight springs in lock-step, by vector instructions: how a diagnosis computes thousands of replays."""
+"""Eight springs in lock-step by vector instructions, for the thousands of replays of a diagnosis."""

@@ -1,7 +1,7 @@
 """Pressures and forces of eight springs in lock-step, and how each shares its deflection with its emergency spring.
 
-The laws are those of `bench_sim.model.bellows` and `bench_sim.model.rubber`. Newton's method goes on until the last
-lane has arrived; one that has arrived stays where it is, so that no lane's numbers depend on its neighbours.
+The laws are those of `bench_sim.model.bellows` and `bench_sim.model.rubber`. Newton's method continues until the last
+lane has converged. A converged lane does not change any more, so that its numbers do not depend on its neighbours.
 """
 
 from typing import Any, Final
@@ -40,7 +40,9 @@ _CLOSE: Final = 1e-9
 
 @compiled
 def look_ahead(w: Any, ahead: float, extra: int) -> None:
-    """Guess the bellows ``ahead`` s after the start of the step, and sum what all dash-pots of the rubber pull."""
+    """Predict the bellows ``ahead`` s after the start of the step, and sum the forces of all dash-pots of the
+    rubber.
+    """
     lanes = w.shape[0] // PER_LANE
     for i in range(lanes):
         r_1, r_2, r_3 = w[Lane.RATIO + i], w[Lane.RATIO_2 + i], w[Lane.RATIO_3 + i]
@@ -76,7 +78,7 @@ def look_ahead(w: Any, ahead: float, extra: int) -> None:
 
 @compiled
 def extra_friction(w: Any, e: int) -> None:
-    """Force and tangent stiffness of one extra friction element, where Newton's method goes next."""
+    """Compute force and tangent stiffness of one extra friction element at the next point of Newton's method."""
     first = LANES * e
     for i in range(LANES):
         limit = w[EXTRA_FRICTION + first + i]
@@ -93,7 +95,7 @@ def extra_friction(w: Any, e: int) -> None:
 
 @compiled
 def load_bellows(w: Any) -> None:
-    """Go on by Newton's step where it has not arrived; pressure, force and tangent stiffness there."""
+    """Take Newton's step in lanes that have not converged; compute pressure, force and tangent stiffness there."""
     for i in range(LANES):
         moving = w[Lane.MOVING + i]
         z = w[Lane.TRY_Z + i] + moving * w[Lane.STEP_Z + i]
@@ -155,7 +157,7 @@ def load_bellows(w: Any) -> None:
 
 @compiled
 def tangent_of(w: Any, i: int) -> tuple[float, float, float, float, float, float, float]:
-    """As `bench_sim.model.spring.tangent_of`."""
+    """Return the tangents of one lane, like `bench_sim.model.spring.tangent_of`."""
     return (
         w[Lane.AREA + i],
         w[Lane.LATERAL_AREA + i],
@@ -169,7 +171,9 @@ def tangent_of(w: Any, i: int) -> tuple[float, float, float, float, float, float
 
 @compiled
 def seek(w: Any) -> int:
-    """Newton's next step towards ζ_b − (F_z−P)/k_z = ζ and y_b − F_y/k_y = y; how many lanes have not arrived."""
+    """Compute Newton's next step towards ζ_b − (F_z−P)/k_z = ζ and y_b − F_y/k_y = y; return the lanes without
+    convergence.
+    """
     left = 0
     for i in range(LANES):
         moving = w[Lane.MOVING + i]
@@ -194,7 +198,7 @@ def seek(w: Any) -> int:
 
 @compiled
 def carry_over(w: Any) -> None:
-    """Move the loads by Newton's last step along their tangents, and look at the gas."""
+    """Move the loads by Newton's last step along their tangents, and compute the state of the gas."""
     for i in range(LANES):
         z, y = w[Lane.STEP_Z + i], w[Lane.STEP_Y + i]
         p, V, growth = w[Lane.PRESSURE + i], w[Lane.VOLUME + i], w[Lane.GROWTH + i]
@@ -222,9 +226,9 @@ def carry_over(w: Any) -> None:
 
 @compiled
 def lane_algebra(w: Any, ahead: float, extra: int, frictions: int) -> None:
-    """The bellows' share of the deflection, ``ahead`` s after the start of the step, its loads, and all gas.
+    """Compute the bellows' share of the deflection, ``ahead`` s after the start of the step, its loads, and all gas.
 
-    ``extra`` branches and ``frictions`` elements are as many as the lane with most of them has.
+    ``extra`` branches and ``frictions`` elements are the largest numbers in any lane.
     """
     look_ahead(w, ahead, extra)
     for _ in range(ITERATIONS):

@@ -1,7 +1,7 @@
-"""Where every number of eight springs in lock-step stands: one flat array, in which a row holds one number of each.
+"""The memory layout of eight springs in lock-step: one flat array, in which a row holds one number of each spring.
 
-A compiler turns a loop over the lanes into vector instructions when all that the loop touches lies at constant
-distances in one array: so every row is a constant, and there is no second array.
+A compiler turns a loop over the lanes into vector instructions if all its data are at constant distances in one array.
+So every row is a constant, and there is no second array.
 """
 
 from enum import IntEnum, auto
@@ -20,7 +20,7 @@ POWERS: Final = 19
 
 
 class _Rows(IntEnum):
-    """Rows in the order of their definition, by the place of their first lane."""
+    """Rows in the order of their definition; the value is the place of the first lane."""
 
     @staticmethod
     def _generate_next_value_(name: str, start: int, count: int, last_values: list[Any]) -> int:
@@ -28,7 +28,7 @@ class _Rows(IntEnum):
 
 
 class LaneState(_Rows):
-    """The continuous states of a spring, as in `State`, within a block of them."""
+    """The continuous states of a spring, in the order of `State`, within a block."""
 
     MASS = auto()  #: bellows
     ENERGY = auto()

@@ -3,10 +3,10 @@
 Theory of operation
 -------------------
 The laws are functions of numbers in `bench_sim.model.bellows`, `rubber`, `gas`, `orifice`, `valves` and `surface`, the
-same as those of `bench_sim.model.air_spring`: here stands where each gets its numbers from. Every loop over the lanes
-becomes vector instructions: what a spring does not have adds nothing, and r^(1/κ) of the nozzle is a polynomial, 3e-15
-close over the ratios at which it is not choked. Over `LANES` a loop with a short body is written out eight times and
-stays scalar; over ``w.shape[0] // PER_LANE`` it is not.
+same as in `bench_sim.model.air_spring`; this module provides their arguments. Every loop over the lanes becomes vector
+instructions: missing parts of a spring add 0, and r^(1/κ) of the nozzle is a polynomial, accurate to 3e-15 where the
+nozzle is not choked. The compiler unrolls a loop over `LANES` with a short body eight times and leaves it scalar; a
+loop over ``w.shape[0] // PER_LANE`` becomes vector instructions.
 """
 
 from typing import Any, NamedTuple
@@ -34,7 +34,7 @@ from bench_sim.model.valves import leak_flow
 
 
 class ActiveTerms(NamedTuple):
-    """The terms that are active in any of the lanes; what none of them has is left out."""
+    """The terms that are active in any of the lanes; the others are skipped."""
 
     extra: int  #: branches of rubber, as many as the lane with most of them has
     frictions: int  #: elements of friction, likewise
@@ -47,7 +47,9 @@ class ActiveTerms(NamedTuple):
 
 @compiled
 def _power(w: Any, i: int, t: float) -> float:
-    """r^(1/κ) of one lane; ``t`` is −1 at the critical pressure ratio and 1 at 1. Odd and even powers apart."""
+    """r^(1/κ) of one lane, with ``t`` −1 at the critical pressure ratio and 1 at ratio 1; odd and even powers are
+    separate.
+    """
     square = t * t
     even = w[Lane.POWER + 18 * LANES + i]
     odd = w[Lane.POWER + 17 * LANES + i]
@@ -72,7 +74,7 @@ def _power(w: Any, i: int, t: float) -> float:
 
 @compiled
 def orifice(w: Any) -> None:
-    """Flow between bellows and auxiliary chamber that follows from the pressures."""
+    """Compute the flow between bellows and auxiliary chamber from the pressures."""
     for i in range(LANES):
         R = w[Lane.GAS_CONSTANT + i]
         p_b = w[Lane.PRESSURE + i]
@@ -96,7 +98,7 @@ def orifice(w: Any) -> None:
 
 @compiled
 def hold_back(w: Any, ahead: float, parameters: Any) -> None:
-    """Let inertia hold back the flow, lane by lane (`bench_sim.model.inertance`)."""
+    """Delay the flow by its inertia, lane by lane (`bench_sim.model.inertance`)."""
     for i in range(LANES):
         steady = w[Lane.FLOW + i]
         w[Lane.STEADY_FLOW + i] = steady
@@ -118,7 +120,7 @@ def hold_back(w: Any, ahead: float, parameters: Any) -> None:
 
 @compiled
 def carry(w: Any) -> None:
-    """The flow carries the enthalpy of its upstream side: it begins the slopes."""
+    """Start the slopes with the flow and the enthalpy of its upstream side."""
     for i in range(LANES):
         c_p = w[Lane.HEAT_CAPACITY + i]
         G = w[Lane.FLOW + i]
@@ -172,7 +174,7 @@ def heat(w: Any) -> None:
 
 @compiled
 def gas_surfaces(w: Any, parameters: Any) -> None:
-    """Flow and heat by the surfaces that have no name, lane by lane."""
+    """Add flow and heat of the surfaces without a name, lane by lane."""
     for i in range(LANES):
         par = parameters[i]
         p, T = w[Lane.PRESSURE + i], w[Lane.TEMPERATURE + i]
@@ -226,7 +228,7 @@ def relax(w: Any, extra: int) -> None:
 
 @compiled
 def work(w: Any) -> None:
-    """−p dV/dt of the bellows, whose speed follows from all that went before; it comes last."""
+    """Add −p dV/dt of the bellows, last because their speed depends on all other terms."""
     for i in range(LANES):
         A, B, per_z, per_y, K_zz, K_zy, K_yy = tangent_of(w, i)
         kappa = w[Lane.HEAT_RATIO + i]
@@ -260,7 +262,7 @@ def work(w: Any) -> None:
 def lane_slope(w: Any, ahead: float, active: Any, sides: Any, memory: Any, parameters: Any) -> None:
     """Write dx/dt of all lanes, ``ahead`` s after the start of the step, and all values that follow from the states.
 
-    Rarely used values have no rows in ``w``. They are in ``memory`` and ``parameters`` (LANES), at the ``sides``
+    Rarely used values have no rows in ``w``; they are in ``memory`` and ``parameters`` (LANES), for the ``sides``
     (LANES).
     """
     lane_algebra(w, ahead, active.extra, active.frictions)

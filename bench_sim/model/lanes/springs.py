@@ -2,19 +2,19 @@
 
 Theory of operation
 -------------------
-In a replay the left and the right spring meet only in the readings (`bench_sim.model.replay`), unless air flows between
-them. So each spring is one lane, for any side, run or parameter set. Its trajectory is a `TRACE`. Every reading follows
-from the trace, the motion and the parameters (`bench_sim.model.lanes.traces`). Where air flows between the springs,
-both springs of a bench are integrated together (`bench_sim.model.lanes.valves`), four benches at a time.
+In a replay the left and the right spring are independent except for the readings (`bench_sim.model.replay`), unless air
+flows between them. So each spring is one lane, for any side, run or parameter set. Its trajectory is a `TRACE`. Every
+reading follows from the trace, the motion and the parameters (`bench_sim.model.lanes.traces`). If air flows between the
+springs, both springs of a bench are integrated together (`bench_sim.model.lanes.valves`), four benches at a time.
 
 The method, its step and the actions once per step are those of the scalar replay (`bench_sim.model.runge_kutta`,
 `bench_sim.model.step_start`), which is the test oracle. Pressures agree to a thousandth of a pascal, the tolerance of
 Newton's method in the scalar replay. Friction is switched lane by lane, by the same function.
 
 The stiffness of a spring is estimated from the second and the third stage of a step, which lie at one instant. The
-difference of their slopes is the Jacobian times half a step times the difference of the slopes of the first two
-stages. So h |λ| is twice the ratio of both differences (Hairer and Wanner, Solving Ordinary Differential Equations II,
-section IV.2). The sums over a run weight the moving parts of the spring. A bench has 0.1 at a step of 2.5 ms.
+difference of their slopes is the Jacobian times half a step times the difference of the slopes of the first two stages.
+So h |λ| is twice the ratio of both differences (Hairer and Wanner, Solving Ordinary Differential Equations II, section
+IV.2). The sums over a run weight the moving parts of the spring. A bench has 0.1 at a step of 2.5 ms.
 """
 
 from collections.abc import Hashable, Iterable, Sequence
@@ -69,7 +69,7 @@ JOINING: Final = in_lanes(Lanes.JOINS)
 
 
 class Course(NamedTuple):
-    """Where the plates of one spring go, in ``steps`` steps for each interval of the motion."""
+    """The motion of the plates of one spring, in ``steps`` steps for each interval of the motion."""
 
     step: float  #: s
     places: NDArray[np.float64]  #: (2 rows − 1, 4) every half step: ζ and its speed, y and its speed
@@ -81,7 +81,7 @@ class Course(NamedTuple):
 class LaneSpring:
     """One spring to be integrated: its column (`bench_sim.model.lanes.start`), parameter record, side and course.
 
-    Its plate lies ``shift`` m to the left of the course, and its supply is ``supply_error`` Pa below what that says.
+    Its plate is ``shift`` m to the left of the course, and its supply ``supply_error`` Pa below that of the course.
     """
 
     column: NDArray[np.float64]
@@ -93,29 +93,29 @@ class LaneSpring:
 
     @property
     def key(self) -> Hashable:
-        """Equal for springs of one trajectory, as long as their course lives."""
+        """A key that is equal for springs with the same trajectory, as long as their course exists."""
         beside = (*(SURFACES if self.surfaced else ()), *(FEEDING if self.course.fed else ()))
         return id(self.course), self.shift, self.supply_error, self.column.tobytes(), self.all_of(beside)
 
     def all_of(self, names: Iterable[str]) -> bytes:
-        """Return some quantities, to be compared."""
+        """Return the bytes of some quantities, for comparison."""
         return b"".join(self.parameters[name].tobytes() for name in names)
 
     @property
     def surfaced(self) -> bool:
-        """Whether a surface takes part."""
+        """Whether any surface is active."""
         return any(bool(self.parameters[name].any()) for name in ("flow_surface", "heat_surface"))
 
 
 def key_of(springs: Sequence[LaneSpring]) -> Hashable:
-    """Return `LaneSpring.key` of a group that is integrated together: one spring, or both with a valve between them."""
+    """Return the key of a group that is integrated together: one spring, or both with a valve between them."""
     own = tuple(spring.key for spring in springs)
     return own if len(springs) == 1 else (*own, springs[0].all_of(JOINING))
 
 
 @compiled
 def gather(w: Any, at: int, courses: Any, rows: Any) -> None:
-    """Put the plates of all lanes where they are at so many half steps; a lane that is through is at rest."""
+    """Set the plates of all lanes to their places at half step ``at``; a lane that has ended is at rest."""
     for i in range(LANES):
         places = courses[i]
         last = 2 * (rows[i] - 1)
@@ -129,7 +129,7 @@ def gather(w: Any, at: int, courses: Any, rows: Any) -> None:
 
 @compiled
 def note_friction(w: Any, i: int, side: int, mem: Any) -> None:
-    """Copy the friction of one lane from its memory, where it turns."""
+    """Copy the points of reversal of the friction of one lane from its memory."""
     w[Lane.ORIGIN_Z + i] = mem.friction_origin[0, side]
     w[Lane.LEVEL_Z + i] = mem.friction_level[0, side]
     w[Lane.ORIGIN_Y + i] = mem.friction_origin[1, side]
@@ -141,7 +141,9 @@ def note_friction(w: Any, i: int, side: int, mem: Any) -> None:
 
 @compiled
 def note_motion(w: Any, sides: Any, memory: Any, parameters: Any, dt: float, turned: Any) -> bool:
-    """As `bench_sim.model.step_start.note_solution`: which lanes' friction ``turned``, and whether any did."""
+    """Update the friction like `bench_sim.model.step_start.note_solution`; write which lanes ``turned``, return whether
+    any did.
+    """
     found = False
     for i in range(LANES):
         side = sides[i]
@@ -163,7 +165,7 @@ def note_motion(w: Any, sides: Any, memory: Any, parameters: Any, dt: float, tur
 
 @compiled
 def restore(w: Any, saved: Any, turned: Any) -> None:
-    """Take back what happened to the lanes whose friction has not ``turned``."""
+    """Restore the lanes whose friction has not ``turned``."""
     for i in range(LANES):
         if not turned[i]:
             for k in range(i, LENGTH, LANES):
@@ -172,7 +174,7 @@ def restore(w: Any, saved: Any, turned: Any) -> None:
 
 @compiled
 def note_flow(w: Any) -> None:
-    """As `bench_sim.model.valves.note_flows`."""
+    """Store the flows like `bench_sim.model.valves.note_flows`."""
     for i in range(LANES):
         w[Lane.NOTED_STEADY_FLOW + i] = w[Lane.STEADY_FLOW + i]
         w[Lane.NOTED_MISSING_FLOW + i] = w[Lane.STEADY_FLOW + i] - w[Lane.FLOW + i]
@@ -180,7 +182,7 @@ def note_flow(w: Any) -> None:
 
 @compiled
 def note_gas(w: Any, sides: Any, memory: Any, parameters: Any) -> None:
-    """As `bench_sim.model.gas.note_densities`."""
+    """Store the densities like `bench_sim.model.gas.note_densities`."""
     lanes = w.shape[0] // PER_LANE
     far = 0
     for i in range(lanes):
@@ -267,7 +269,7 @@ def move_valves(
 
 @compiled
 def stage(w: Any, size: int, weight: float, ahead: float) -> None:
-    """Add ``weight`` slopes to the sum, and go ``ahead`` s from the start of the step along the slope."""
+    """Add ``weight`` slopes to the sum, and set the stage ``ahead`` s after the start of the step along the slope."""
     for k in range(size):
         w[SUM + k] += weight * w[SLOPE + k]
         w[STAGE + k] = w[START + k] + ahead * w[SLOPE + k]
@@ -275,7 +277,7 @@ def stage(w: Any, size: int, weight: float, ahead: float) -> None:
 
 @compiled
 def finish(w: Any, size: int, h: float) -> None:
-    """End a step of ``h`` s, and keep what the bellows' motion bends by, for the next guesses."""
+    """End a step of ``h`` s, and store the curvature of the bellows' motion for the next predictions."""
     for i in range(LANES):
         z = (w[Lane.BELLOWS_Z + i] - w[Lane.NOTED_Z + i]) / h
         y = (w[Lane.BELLOWS_Y + i] - w[Lane.NOTED_Y + i]) / h
@@ -291,7 +293,7 @@ def finish(w: Any, size: int, h: float) -> None:
 
 @compiled
 def note_change(w: Any, stage: int) -> None:
-    """Add up by how much the slope of each bellows' energy differs from the one before, for each of three stages."""
+    """Add the change of the slope of each bellows' energy since the last stage, for each of three stages."""
     lanes = w.shape[0] // PER_LANE
     for i in range(lanes):
         slope = w[SLOPE + LaneState.ENERGY + i]
@@ -314,7 +316,7 @@ def integrate_lanes(
     joined: bool,
     traces: Any,
 ) -> None:
-    """Integrate all lanes to the end of the longest by steps of ``dt`` s; ``w`` (LENGTH) holds their columns.
+    """Integrate all lanes to the end of the longest one with steps of ``dt`` s; ``w`` (LENGTH) holds their columns.
 
     Shapes: ``memory``, ``parameters``, ``sides``, ``rows`` (LANES), ``traces`` (LANES, most rows, TRACE). ``courses``
     and ``valves`` are tuples of the arrays in a `Course`.
@@ -359,10 +361,10 @@ def integrate_lanes(
 
 
 def integrate_springs(springs: Sequence[LaneSpring]) -> list[NDArray[np.float64]]:
-    """Return the trace (rows, TRACE) of each of at most LANES springs with one step; other threads run meanwhile.
+    """Return the trace (rows, TRACE) of each of at most LANES springs with equal step; other threads run meanwhile.
 
     Unused lanes repeat the last spring. A spring that is too stiff for a step longer than that of a replay gets a trace
-    of NaN: near the stability limit its values stay finite, but the gas oscillates in a way that is not physical.
+    of NaN: near the stability limit its values stay finite, but the gas has an unphysical oscillation.
     """
     _check(springs, len(springs), LANES, "springs")
     return _integrate([*springs, *[springs[-1]] * (LANES - len(springs))], joined=False)[: len(springs)]
@@ -371,7 +373,7 @@ def integrate_springs(springs: Sequence[LaneSpring]) -> list[NDArray[np.float64]
 def integrate_pairs(
     pairs: Sequence[tuple[LaneSpring, LaneSpring]],
 ) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Return the traces of both springs of each of at most PAIRS benches between whose sides air may pass."""
+    """Return the traces of both springs of each of at most PAIRS benches in which air may flow between the sides."""
     _check([spring for pair in pairs for spring in pair], len(pairs), PAIRS, "pairs of springs")
     filled = [*pairs, *[pairs[-1]] * (PAIRS - len(pairs))]
     traces = _integrate([left for left, _ in filled] + [right for _, right in filled], joined=True)
@@ -387,7 +389,7 @@ def _check(springs: Sequence[LaneSpring], count: int, limit: int, what: str) -> 
 
 
 def _integrate(filled: Sequence[LaneSpring], *, joined: bool) -> list[NDArray[np.float64]]:
-    """Return the traces of as many springs as there are lanes."""
+    """Return the traces of one spring for each lane."""
     rows = np.array([len(spring.course.valves) for spring in filled])
     step = filled[0].course.step
     w = np.ascontiguousarray(np.column_stack([spring.column for spring in filled])).ravel()

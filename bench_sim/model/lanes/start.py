@@ -1,7 +1,7 @@
-"""What a spring of a lane is made of and where it begins: its column of `bench_sim.model.lanes.layout`.
+"""Parameters and initial state of a spring as its column of `bench_sim.model.lanes.layout`.
 
-The column holds most of what the integration of this spring depends on. Next to it are the course of its plates and, of
-surfaces and valves, quantities of its parameter record: which, `bench_sim.model.lanes.springs.LaneSpring.key` says.
+The column holds most inputs of the integration of this spring. Further inputs are the course of its plates and, for
+surfaces and valves, quantities of its parameter record; see `bench_sim.model.lanes.springs.LaneSpring.key`.
 """
 
 from functools import lru_cache
@@ -37,7 +37,7 @@ _UNKNOWN: Final = {one.name: one.default or 0.0 for one in QUANTITIES if not one
 
 
 def has_lanes(par: Any) -> bool:
-    """Whether lanes can integrate a spring with these parameters; otherwise the scalar replay must."""
+    """Return whether lanes can integrate a spring with these parameters; otherwise the scalar replay must."""
     return (
         par.emergency_spring != 0.0
         and not any(np.any(par[name] != absent) for name, absent in _UNKNOWN.items())
@@ -61,7 +61,7 @@ def critical_ratio(kappa: float) -> float:
 
 @compiled
 def _fill_states(w: Any, i: int, x: Any, mem: Any) -> None:
-    """The states of side ``i`` and where the friction last turned."""
+    """Write the states of side ``i`` and the last points of reversal of the friction."""
     w[STAGE + LaneState.MASS] = x[State.BELLOWS_MASS + i]
     w[STAGE + LaneState.ENERGY] = x[State.BELLOWS_ENERGY + i]
     w[STAGE + LaneState.AUXILIARY_MASS] = x[State.AUXILIARY_MASS + i]
@@ -84,7 +84,7 @@ def _fill_states(w: Any, i: int, x: Any, mem: Any) -> None:
 
 @compiled
 def _fill_rubber(w: Any, i: int, par: Any) -> None:
-    """Stiffnesses, relaxation and friction of the rubber, emergency spring and contact."""
+    """Write stiffnesses, relaxation and friction of the rubber, emergency spring and contact."""
     w[Lane.RATIOS] = 0.0
     for j in range(BRANCHES):
         w[Lane.RATIO + LANES * j] = par.maxwell_ratio[j]
@@ -117,7 +117,7 @@ def _fill_rubber(w: Any, i: int, par: Any) -> None:
 
 @compiled
 def _fill_gas(w: Any, i: int, par: Any) -> None:
-    """Volumes, areas and heat."""
+    """Write volumes, areas and heat transfer."""
     w[Lane.V_0] = par.bellows_volume[i]
     w[Lane.A_0] = unpressed_area(par, i)
     w[Lane.A_1] = par.effective_area_slope[i]
@@ -144,7 +144,7 @@ def _fill_gas(w: Any, i: int, par: Any) -> None:
 
 @compiled
 def _fill_flow(w: Any, i: int, par: Any, powers: Any) -> None:
-    """Orifice, the inertia of its air, and leaks."""
+    """Write orifice, inertia of its air, and leaks."""
     kappa = par.heat_capacity_ratio
     w[Lane.ORIFICE] = effective_flow_area(par.orifice_diameter[i], par.discharge_coefficient[i])
     w[Lane.ASYMMETRY] = par.orifice_asymmetry[i]
@@ -166,10 +166,10 @@ def _fill_flow(w: Any, i: int, par: Any, powers: Any) -> None:
 def begin_springs(
     x: Any, memory: Any, parameters: Any, gas: Any, before: Any, powers: Any, columns: Any
 ) -> None:
-    """Settle both springs where bolster and platform are in ``x``, and write their ``columns`` (SIDES, LENGTH/LANES).
+    """Settle both springs at the positions in ``x``, and write their ``columns`` (SIDES, LENGTH/LANES).
 
-    ``memory`` and ``parameters`` are arrays of one, ``gas`` and ``before`` as of `bench_sim.model.replay`,
-    ``powers`` as of `power_coefficients`.
+    ``memory`` and ``parameters`` are arrays of one, ``gas`` and ``before`` as of `bench_sim.model.replay`, ``powers``
+    as of `power_coefficients`.
     """
     mem = memory[0]
     par = parameters[0]

@@ -32,7 +32,7 @@ _MARGIN: Final = 1.0
 
 @compiled_entry
 def follow_plates(motion: Any, parameters: Any, steps: int, places: Any) -> None:
-    """Write where the plates of both springs are every half step into ``places`` (SIDES, 2 rows − 1, 4)."""
+    """Write the positions of the plates of both springs every half step into ``places`` (SIDES, 2 rows − 1, 4)."""
     par = parameters[0]
     x = np.zeros(STATES)
     out = np.zeros(ALGEBRAICS)
@@ -50,7 +50,7 @@ def follow_plates(motion: Any, parameters: Any, steps: int, places: Any) -> None
 
 @compiled
 def recollect(row: Any, i: int, out: Any) -> None:
-    """Put one row of a trace where the springs' algebra would have left it."""
+    """Write one row of a trace to the places of the springs' algebraic quantities."""
     out[Algebraic.PRESSURE + i] = row[0]
     out[Algebraic.TEMPERATURE + i] = row[1]
     out[Algebraic.AUXILIARY_PRESSURE + i] = row[2]
@@ -72,9 +72,9 @@ def read_samples(
     sensors: Any,
     readings: Any,
 ) -> None:
-    """As `bench_sim.model.replay.replay_samples`, from the traces (rows, TRACE) of both springs.
+    """Write readings like `bench_sim.model.replay.replay_samples`, from the traces (rows, TRACE) of both springs.
 
-    ``readings`` (c, n) are those of so many ``sensors`` (c,).
+    ``readings`` (c, n) are those of ``sensors`` (c,).
     """
     mem = memory[0]
     par = parameters[0]
@@ -120,7 +120,7 @@ def read_samples(
 
 
 def feeds(inputs: NDArray[np.float64]) -> bool:
-    """Whether inputs (n, `INPUTS`) connect a spring at any time with the supply or the atmosphere."""
+    """Return whether inputs (n, `INPUTS`) ever connect a spring with the supply or the atmosphere."""
     return bool(inputs[:, _FEEDING].any())
 
 
@@ -128,9 +128,9 @@ class TracedReplay:
     """The replay of one ``motion`` in two stages: springs to be integrated in lanes, and readings from their traces.
 
     Its arguments are those of `bench_sim.model.replay.replay`. ``parameters`` contain the positions of the springs
-    under the bolster. The springs are integrated separately while no air flows between them. `leaks_between` reports
-    before the integration whether air can flow. `stays_shut` reports after it whether the differential pressure valve
-    opened.
+    under the bolster. The springs are integrated separately while no air flows between them. `leaks_between` returns
+    before the integration whether air can flow, `stays_shut` after it whether the differential pressure valve stayed
+    shut.
     """
 
     def __init__(
@@ -160,9 +160,9 @@ class TracedReplay:
         )
 
     def fits(self, parameters: Any) -> bool:
-        """Whether lanes can integrate springs with these parameters on this motion.
+        """Return whether lanes can integrate springs with these parameters on this motion.
 
-        By a step longer than that of a replay they cannot where anything switches or happens within it.
+        With a step longer than that of a replay they cannot if valves switch or delays end within a step.
         """
         sudden = self.fed or self.leaks_between(parameters)
         return (
@@ -172,11 +172,13 @@ class TracedReplay:
         )
 
     def leaks_between(self, parameters: Any) -> bool:
-        """Whether air passes between the springs all the time."""
+        """Return whether air always flows between the springs."""
         return self.joined and parameters.dpv_leak != 0.0
 
     def stays_shut(self, parameters: Any, traces: Sequence[NDArray[np.float64]]) -> bool:
-        """Whether the differential pressure valve never opens between springs with these traces (rows, TRACE)."""
+        """Return whether the differential pressure valve never opens between springs with these traces (rows,
+        TRACE).
+        """
         if not self.joined:
             return True
         left, right = (trace[:, AUXILIARY_PRESSURE] for trace in traces)
@@ -211,7 +213,7 @@ class TracedReplay:
         return left, right
 
     def _valves(self, inputs: NDArray[np.float64], side: int, rows: int) -> NDArray[np.float64]:
-        """Return what the valves of one side do during each step (rows, GIVEN)."""
+        """Return the states of the valves of one side in each step (rows, GIVEN)."""
         every = np.column_stack(
             (
                 np.clip(inputs[:, Input.LEFT_RESERVOIR_VALVE + side], 0.0, 1.0),
@@ -230,10 +232,10 @@ class TracedReplay:
         shift: float,
         sensors: Sequence[int] = tuple(Sensor),
     ) -> NDArray[np.float64]:
-        """Return what so many sensors (all) read (n, c), from the traces (rows, TRACE) of both springs.
+        """Return the readings (n, c) of ``sensors`` (default: all), from the traces (rows, TRACE) of both springs.
 
-        Between samples the supply line keeps its pressure. Other threads run meanwhile. Each sensor's readings lie next
-        to each other: who uses them looks at one after the other.
+        Between samples the supply line keeps its pressure. Other threads run meanwhile. The readings of each sensor are
+        contiguous in memory, because callers process one sensor after the other.
         """
         record = _one(parameters)
         memory = np.zeros(1, MEMORY).view(np.recarray)
@@ -250,7 +252,9 @@ class TracedReplay:
 
 
 def _quick(parameters: Any, step: float) -> bool:
-    """Whether a ``step`` longer than that of a replay is too long for the latencies, pipes and rubber of a record."""
+    """Return whether a ``step`` longer than that of a replay is too long for the latencies, pipes and rubber of a
+    record.
+    """
     par = parameters
     late = (
         par.force_latency,
@@ -274,6 +278,6 @@ def _one(parameters: Any) -> Any:
 
 
 def _geometry(parameters: Any) -> tuple[float, float, float]:
-    """What identifies the places of the springs' plates from those of bolster and platform."""
+    """Return the dimensions that determine the places of the springs' plates from those of bolster and platform."""
     par = parameters
     return float(par.spring_half_spacing), float(par.centre_height), float(par.column_height)

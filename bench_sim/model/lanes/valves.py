@@ -1,9 +1,9 @@
-"""Air that lanes get from elsewhere: from the supply, and one side from the other.
+"""Air flow of lanes from the supply, and between the two sides.
 
 Theory of operation
 -------------------
-Valves are mostly shut, and their equations are those of `bench_sim.model.valves`: lane by lane, with its functions.
-Where the differential pressure valve joins both sides of a bench, the left one is a lane of the first half, and the
+Valves are usually shut. Their equations are computed lane by lane with the functions of `bench_sim.model.valves`. If
+the differential pressure valve connects both sides of a bench, the left spring is a lane of the first half, and the
 right one is the same lane of the second half.
 """
 
@@ -25,7 +25,7 @@ from bench_sim.model.valves import (
 
 @compiled
 def gather_valves(w: Any, n: int, valves: Any, rows: Any, everything: bool) -> None:
-    """Set the valves of all lanes as in step n of their courses, or the reservoir valves alone."""
+    """Set the valves of all lanes for step n of their courses; only the reservoir valves without ``everything``."""
     given = GIVEN if everything else 1
     for i in range(LANES):
         row = min(n, rows[i] - 1)
@@ -37,7 +37,7 @@ def gather_valves(w: Any, n: int, valves: Any, rows: Any, everything: bool) -> N
 
 @compiled
 def settle_levers(w: Any, sides: Any, parameters: Any) -> None:
-    """Let every lever have stood for ever where its plate is."""
+    """Set every lever to its steady position for the present height."""
     for i in range(LANES):
         w[STAGE + LaneState.LEVER + i] = w[Lane.HEIGHT + i] + parameters[i].lever_offset[sides[i]]
         w[START + LaneState.LEVER + i] = w[STAGE + LaneState.LEVER + i]
@@ -45,14 +45,14 @@ def settle_levers(w: Any, sides: Any, parameters: Any) -> None:
 
 @compiled
 def switch_leveling_valves(w: Any, sides: Any, memory: Any, parameters: Any) -> None:
-    """Latches of the leveling valves, from the state at the start of a step."""
+    """Switch the leveling valves by the state at the start of a step."""
     for i in range(LANES):
         switch_leveling(w[START + LaneState.LEVER + i], memory[i], parameters[i], sides[i])
 
 
 @compiled
 def switch_between(w: Any, memory: Any, parameters: Any) -> None:
-    """Latches of the differential pressure valves, from the state at the start of a step; left lanes keep them."""
+    """Switch the differential pressure valves by the state at the start of a step; left lanes store them."""
     for i in range(PAIRS):
         j = PAIRS + i
         kappa = w[Lane.HEAT_RATIO + i]
@@ -63,7 +63,7 @@ def switch_between(w: Any, memory: Any, parameters: Any) -> None:
 
 @compiled
 def feed(w: Any, sides: Any, memory: Any, parameters: Any) -> None:
-    """Leveling and service valves fill and exhaust the auxiliary chambers; levers follow the heights."""
+    """Fill and exhaust the auxiliary chambers by leveling and service valves; the levers follow the heights."""
     for i in range(LANES):
         side = sides[i]
         par = parameters[i]
@@ -82,7 +82,7 @@ def feed(w: Any, sides: Any, memory: Any, parameters: Any) -> None:
 
 @compiled
 def join(w: Any, memory: Any, parameters: Any) -> None:
-    """Flow through the differential pressure valves."""
+    """Add the flow through the differential pressure valves."""
     for i in range(PAIRS):
         j = PAIRS + i
         T_left, T_right = w[Lane.AUXILIARY_TEMPERATURE + i], w[Lane.AUXILIARY_TEMPERATURE + j]

@@ -1,1 +1,1 @@
-"""Faults on purpose: what can be broken on a running rig, by name, and repaired again."""
+"""Simulated faults: faults of a running rig that can be switched on and off by name."""

@@ -1,4 +1,4 @@
-"""Faults of the CAN bus: what happens to frames between the rig and everybody else, as one stage of the bus."""
+"""Faults of the CAN bus: changes of frames between the rig and all other nodes, as one stage of the bus."""
 
 import heapq
 import itertools
@@ -25,7 +25,7 @@ _PROTECTION: Final = {message.identifier: message.protection for message in TABL
 
 
 class FrameFault:
-    """Something that happens to frames: those of a ``message`` or of all, in one ``direction`` or in both."""
+    """A change of frames: of one ``message`` or of all, in one ``direction`` or in both."""
 
     def __init__(self, direction: str = BOTH, message: str = ALL, chance: float = 1.0, seed: int = 0) -> None:
         self._direction = direction
@@ -34,7 +34,7 @@ class FrameFault:
         self.random = np.random.default_rng(seed)
 
     def through(self, block: Block, peer: str, now: int) -> Block:
-        """Return the frames that pass on, now, from ``block``."""
+        """Return the frames to pass on now from ``block``."""
         if self._direction not in (BOTH, FROM_RIG if peer == RIG else TO_RIG):
             return block
         hit = self.random.random(block.size) < self._chance
@@ -43,7 +43,7 @@ class FrameFault:
         return self.befall(block, hit, peer, now) if hit.any() else block
 
     def befall(self, block: Block, hit: np.ndarray, peer: str, now: int) -> Block:
-        """Return the frames that pass on, now, from ``block``; the fault affects the frames ``hit`` (bool)."""
+        """Return the frames to pass on now from ``block``; the fault affects the frames ``hit`` (bool)."""
         raise NotImplementedError
 
     def due(self, now: int) -> Iterable[tuple[Block, str]]:
@@ -52,12 +52,12 @@ class FrameFault:
         return ()
 
     def flush(self) -> Iterable[tuple[Block, str]]:
-        """Return everything that is still kept: the fault has ended."""
+        """Return all frames that are still kept, when the fault ends."""
         return ()
 
 
 class Dropped(FrameFault):
-    """Frames that vanish."""
+    """Frames are lost."""
 
     def befall(self, block: Block, hit: np.ndarray, peer: str, now: int) -> Block:
         del peer, now
@@ -65,7 +65,7 @@ class Dropped(FrameFault):
 
 
 class Doubled(FrameFault):
-    """Frames that come twice."""
+    """Frames arrive twice."""
 
     def befall(self, block: Block, hit: np.ndarray, peer: str, now: int) -> Block:
         del peer, now
@@ -73,7 +73,9 @@ class Doubled(FrameFault):
 
 
 class Corrupted(FrameFault):
-    """Frames in which one bit of the data is wrong, as behind a gateway: on the wire itself CAN's own CRC sees it."""
+    """One bit of the data of frames is wrong, as behind a gateway; on the bus itself CAN's own CRC detects such
+    errors.
+    """
 
     def befall(self, block: Block, hit: np.ndarray, peer: str, now: int) -> Block:
         del peer, now
@@ -85,7 +87,7 @@ class Corrupted(FrameFault):
 
 
 class Delayed(FrameFault):
-    """Frames that come later, each by ``by`` ns and up to ``jitter`` ns more; their stamps say when they came."""
+    """Frames arrive later, by ``by`` ns and up to ``jitter`` ns more; their stamps are those of the arrival."""
 
     def __init__(self, by: int, jitter: int, **which: object) -> None:
         super().__init__(**which)  # type: ignore[arg-type]
@@ -112,9 +114,9 @@ class Delayed(FrameFault):
 
 
 class Miscounted(FrameFault):
-    """Frames whose sample or alive counter goes ``step`` too far each time: -1 is at rest, 1 leaves every other out.
+    """The sample or alive counter of frames advances by ``step`` too much: -1 stops it, 1 skips every other value.
 
-    The CRC of a command is right for its wrong counter: it is linear, so that no key is needed to repair it.
+    The CRC of a command is correct for its wrong counter. It is linear, so it can be corrected without the key.
     """
 
     def __init__(self, step: int, **which: object) -> None:
@@ -142,7 +144,7 @@ class Miscounted(FrameFault):
 
 
 class BrokenSum(FrameFault):
-    """Commands whose CRC is wrong."""
+    """The CRC of commands is wrong."""
 
     def befall(self, block: Block, hit: np.ndarray, peer: str, now: int) -> Block:
         del peer, now
@@ -153,7 +155,7 @@ class BrokenSum(FrameFault):
 
 
 class Babble(FrameFault):
-    """A node that sends frames of one ``identifier`` at ``rate`` (Hz), whatever the others say."""
+    """A node sends frames of one ``identifier`` at ``rate`` (Hz), independent of other traffic."""
 
     def __init__(self, identifier: int, rate: float) -> None:
         super().__init__()
@@ -177,7 +179,7 @@ class Babble(FrameFault):
 
 
 class Silence(FrameFault):
-    """A bus on which nothing arrives."""
+    """No frame arrives."""
 
     def befall(self, block: Block, hit: np.ndarray, peer: str, now: int) -> Block:
         del block, hit, peer, now
@@ -185,7 +187,7 @@ class Silence(FrameFault):
 
 
 class FaultStage(Stage):
-    """All faults of the bus that are on, in the order in which they were switched on."""
+    """All active faults of the bus, in the order in which they were switched on."""
 
     rank: ClassVar[int] = Stage.FAULT
 
@@ -196,7 +198,7 @@ class FaultStage(Stage):
         self.unused = True
 
     def add(self, fault: FrameFault) -> Callable[[], None]:
-        """Let ``fault`` befall frames from now on; return what ends it."""
+        """Apply ``fault`` to frames from now on; return a function that ends it."""
         self._faults, self.unused = (*self._faults, fault), False
 
         def end() -> None:

@@ -1,4 +1,4 @@
-"""The catalogue of faults: everything that can be broken on purpose, by name."""
+"""The catalogue of simulated faults by name."""
 
 from typing import Final
 
@@ -13,7 +13,7 @@ FAULTS: Final[dict[str, Fault]] = {
 
 
 def find_fault(name: str) -> Fault:
-    """Return the fault called ``name``; FaultError, which states what there is, where there is none."""
+    """Return the fault called ``name``; FaultError with similar names if there is none."""
     if name in FAULTS:
         return FAULTS[name]
     raise FaultError(f"{name} is no fault; {did_you_mean(name, FAULTS, '`astb rig fault list` lists them')}")

@@ -1,4 +1,4 @@
-"""What a fault on purpose is: its name, its place, its parameters with unit and range, and what a driver sees of it."""
+"""A simulated fault: its name, its place, its parameters with unit and range, and its effect for a driver."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -22,11 +22,11 @@ Begin = Callable[[InsertionPoints, Values], Callable[[], None]]
 
 
 class FaultError(ValueError):
-    """There is no such fault, or it cannot be like this; the text states what would be right."""
+    """An unknown fault or an invalid value; the text states the correct form."""
 
 
 class FaultPlace(StrEnum):
-    """Where faults act."""
+    """The place of a fault."""
 
     BUS = "bus"
     MODBUS = "modbus"
@@ -37,7 +37,7 @@ class FaultPlace(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class FaultNumber:
-    """A number that a fault takes, with its range in its ``unit``; without default it must be given."""
+    """A number of a fault, with its range in its ``unit``; without default it must be given."""
 
     name: str
     unit: str  #: one of `WRITTEN_UNITS`, `OF_SENSOR` or `OF_SENSOR_PER_SECOND`
@@ -49,7 +49,7 @@ class FaultNumber:
 
     @property
     def span(self) -> str:
-        """The range in words."""
+        """The range as text."""
         if self.unit in (OF_SENSOR, OF_SENSOR_PER_SECOND):
             return f"up to the range {self.unit}, either way"
         unit = "" if self.unit == "1" else f" {self.unit}"
@@ -57,23 +57,23 @@ class FaultNumber:
 
     @property
     def usual(self) -> str:
-        """The default in words, empty where there is none."""
+        """The default as text, "" without a default."""
         if self.default is None:
             return ""
         return f"{self.default:g}" + ("" if self.unit == "1" else f" {self.unit}")
 
     @property
     def of_sensor(self) -> bool:
-        """Whether its unit and range are those of the fault's sensor."""
+        """Whether unit and range are those of the fault's sensor."""
         return self.unit in (OF_SENSOR, OF_SENSOR_PER_SECOND)
 
     def span_for(self, sensor: str) -> str:
-        """The range in words, for a number of a sensor that of ``sensor``."""
+        """Return the range as text; for a number of a sensor that of ``sensor``."""
         unit, low, high = self._range(sensor)
         return f"{low:g} to {high:.12g}" + ("" if unit == "1" else f" {unit}")
 
     def _range(self, sensor: str) -> tuple[str, float, float]:
-        """Return the unit, and the ends in it."""
+        """Return the unit, and the limits in this unit."""
         if not self.of_sensor:
             return self.unit, self.low, self.high
         signal = TABLE[sensor]
@@ -86,7 +86,7 @@ class FaultNumber:
         return unit, -high, high
 
     def read(self, text: Any, sensor: str) -> float:
-        """Return ``text`` in SI; for a number of a sensor, its name is needed. FaultError for what is not allowed."""
+        """Return ``text`` in SI; a number of a sensor needs its name. Raises FaultError."""
         unit, low, high = self._range(sensor)
         si, factor, _ = WRITTEN_UNITS[unit]
         try:
@@ -104,7 +104,7 @@ class FaultNumber:
 
 @dataclass(frozen=True, slots=True)
 class FaultChoice:
-    """One of several words that a fault takes; without default it must be given."""
+    """A choice of words for a fault; without default it must be given."""
 
     name: str
     choices: tuple[str, ...]
@@ -113,12 +113,12 @@ class FaultChoice:
 
     @property
     def span(self) -> str:
-        """The choices in words."""
+        """The choices as text."""
         return " or ".join(f"`{choice}`" for choice in self.choices)
 
     @property
     def usual(self) -> str:
-        """The default, empty where there is none."""
+        """The default, "" without a default."""
         return self.default or ""
 
     def read(self, text: Any, sensor: str) -> str:
@@ -131,7 +131,7 @@ class FaultChoice:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One fault; with a ``target``, the name of a parameter, it can be on for several of them at once."""
+    """One fault. With a ``target``, the name of a parameter, it can be active for several values of it at once."""
 
     name: str
     place: FaultPlace
@@ -145,7 +145,7 @@ class Fault:
     def read(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Return all values (SI, choices as texts) from texts with units, such as ``{"area": "2 mm2"}``.
 
-        Raises FaultError with name, value, unit and what would be right.
+        Raises FaultError with name, value, unit and correct form.
         """
         known = {one.name: one for one in self.parameters}
         for key in given:
@@ -163,5 +163,5 @@ class Fault:
         return values
 
     def label(self, values: Values) -> str:
-        """Return the name under which it is on: ``bias.left.height``, or just its name."""
+        """Return the label of the active fault: ``bias.left.height``, or only its name."""
         return f"{self.name}.{values[self.target]}" if self.target else self.name

@@ -1,4 +1,4 @@
-"""What the compiled tick knows of faults: readings that are disturbed, and inputs of the plant that are held."""
+"""Faults in the compiled tick: disturbed readings, and held inputs of the plant."""
 
 import math
 from enum import IntEnum
@@ -18,7 +18,7 @@ _WORDS: Final = 2.0**32
 
 
 class DisturbanceKind(IntEnum):
-    """What happens to a reading."""
+    """The kind of disturbance of a reading."""
 
     STUCK = 0  #: stays at ``value``, or at the first reading where that is NaN
     BIAS = 1  #: is off by ``value``
@@ -44,7 +44,7 @@ DISTURBANCE: Final = np.dtype(
 
 
 class FaultArrays(NamedTuple):
-    """The faults that the tick itself carries out."""
+    """The faults that the tick itself applies."""
 
     counts: npt.NDArray[np.int64]  #: (2,): disturbed readings, held inputs; 0 costs nothing
     disturbances: npt.NDArray[np.void]
@@ -52,13 +52,13 @@ class FaultArrays(NamedTuple):
 
     @classmethod
     def none(cls) -> "FaultArrays":
-        """Return room for faults, and none in it."""
+        """Return empty arrays."""
         return cls(np.zeros(2, np.int64), np.zeros(DISTURBANCES_MAX, DISTURBANCE), np.full(INPUTS, np.nan))
 
 
 @compiled
 def hold_inputs(faults: Any, u: Any) -> None:
-    """Put the held inputs of the plant instead of what the controls want."""
+    """Replace inputs of the plant by the held ones."""
     if faults.counts[1] == 0:
         return
     for k in range(INPUTS):
@@ -102,5 +102,5 @@ def disturb(faults: Any, tick: int, par: Any, readings: Any) -> None:
 
 
 def chance_of(rate: float) -> float:
-    """Return the probability in one sample of what happens ``rate`` times a second (Hz)."""
+    """Return the probability per sample of an event with ``rate`` (Hz)."""
     return min(rate / FAST_RATE, 1.0)

@@ -1,4 +1,4 @@
-"""Faults of Modbus/TCP: what happens to requests on their way to the rig, and to the bytes of its answers."""
+"""Faults of Modbus/TCP: changes of requests on their way to the rig, and of the bytes of its answers."""
 
 from collections.abc import Callable
 from typing import Final
@@ -19,34 +19,34 @@ Piece = tuple[float, bytes]
 
 
 class RequestFault:
-    """Something that happens to requests or their answers, to each with the probability ``chance``."""
+    """A change of requests or their answers, each with the probability ``chance``."""
 
     def __init__(self, chance: float = 1.0, requests: str = ALL, seed: int = 0) -> None:
         self._chance, self._requests = chance, requests
         self.random = np.random.default_rng(seed)
 
     def hits(self, request: bytes) -> bool:
-        """Whether it happens to this ``request``; draws for every one."""
+        """Return whether the fault affects this ``request``; each call draws a random number."""
         drawn = self.random.random() < self._chance
         return drawn and (self._requests == ALL or (request[7] in _WRITES) is (self._requests == WRITES))
 
     def instead(self, request: bytes) -> bytes | None:
-        """Return what the client gets without the rig having been asked, None if it is to be asked."""
+        """Return the answer for the client if the rig is not asked, otherwise None."""
         del request
         return None
 
     def altered(self, request: bytes, response: bytes) -> bytes:
-        """Return what becomes of an answer of the rig."""
+        """Return the changed answer of the rig."""
         del request
         return response
 
     def pieces(self, pieces: list[Piece]) -> list[Piece]:
-        """Return the pieces in which an answer travels, given those so far."""
+        """Return the pieces of an answer, changed from those so far."""
         return pieces
 
 
 class Refusal(RequestFault):
-    """Requests that are refused with an exception ``code``."""
+    """Requests are refused with an exception ``code``."""
 
     def __init__(self, code: int, chance: float, requests: str, seed: int) -> None:
         super().__init__(chance, requests, seed)
@@ -57,7 +57,7 @@ class Refusal(RequestFault):
 
 
 class Mute(RequestFault):
-    """Requests that no one carries out and no one answers."""
+    """Requests are neither executed nor answered."""
 
     def instead(self, request: bytes) -> bytes | None:
         return b"" if self.hits(request) else None
@@ -83,7 +83,7 @@ class Junk(RequestFault):
 
 
 class Slow(RequestFault):
-    """Answers that come ``by`` s late."""
+    """Answers are ``by`` s late."""
 
     def __init__(self, by: float) -> None:
         super().__init__()
@@ -95,7 +95,7 @@ class Slow(RequestFault):
 
 
 class Split(RequestFault):
-    """Answers that come in pieces of ``size`` bytes, ``gap`` s one after the other."""
+    """Answers arrive in pieces of ``size`` bytes, with ``gap`` s between them."""
 
     def __init__(self, size: int, gap: float) -> None:
         super().__init__()
@@ -110,13 +110,13 @@ class Split(RequestFault):
 
 
 class ModbusFilter:
-    """All faults of Modbus that are on, in the order in which they were switched on."""
+    """All active faults of Modbus, in the order in which they were switched on."""
 
     def __init__(self) -> None:
         self._faults: tuple[RequestFault, ...] = ()
 
     def add(self, fault: RequestFault) -> Callable[[], None]:
-        """Let ``fault`` befall requests from now on; return what ends it."""
+        """Apply ``fault`` to requests from now on; return a function that ends it."""
         self._faults = (*self._faults, fault)
 
         def end() -> None:
@@ -140,7 +140,7 @@ class ModbusFilter:
         return faulty
 
     def pieces(self, response: bytes) -> list[Piece]:
-        """Return the pieces in which ``response`` travels."""
+        """Return the pieces of ``response`` after all faults."""
         pieces: list[Piece] = [(0.0, response)]
         for fault in self._faults:
             pieces = fault.pieces(pieces)

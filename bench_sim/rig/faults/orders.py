@@ -4,7 +4,7 @@
     {"do": "on", "name": "leak", "values": {"side": "left", "area": "2 mm2"}, "for": "3 s"}
     {"do": "off", "name": "leak.left"}
 
-The answer has a key ``error``, and nothing has changed, where an order is not understood or not allowed.
+If an order is invalid or not allowed, the answer has a key ``error``, and nothing changes.
 """
 
 from contextlib import AbstractContextManager
@@ -20,7 +20,7 @@ from bench_sim.rig.faults.panel import FaultPanel
 
 
 class FaultOrder(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """What a user asks of the panel."""
+    """An order to the panel."""
 
     do: Literal["list", "on", "off"]
     name: str = ""
@@ -37,7 +37,7 @@ def read_time(name: str, text: str | None) -> float | None:
 
 
 def execute_order(panel: FaultPanel, line: bytes, lock: AbstractContextManager[object]) -> bytes:
-    """Carry out the order in ``line`` under the rig's ``lock``; return the answer, a line as well. Never raises."""
+    """Execute the order in ``line`` under the rig's ``lock``; return the answer as a line. Never raises."""
     try:
         order = msgspec.json.decode(line, type=FaultOrder)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
@@ -51,7 +51,7 @@ def execute_order(panel: FaultPanel, line: bytes, lock: AbstractContextManager[o
 
 
 def as_json(fault: Fault) -> dict[str, Any]:
-    """Return what there is to say of a fault, for JSON."""
+    """Return the facts of a fault, for JSON."""
     return {
         "name": fault.name,
         "place": fault.place.value,
@@ -62,7 +62,7 @@ def as_json(fault: Fault) -> dict[str, Any]:
 
 
 def _asked(one: FaultNumber | FaultChoice) -> dict[str, Any]:
-    """Return what there is to say of a parameter: its ``choices``, or for a number of a sensor the span of each."""
+    """Return the facts of a parameter: its ``choices``, or for a number of a sensor the range for each sensor."""
     found = {"name": one.name, "span": one.span.replace("`", ""), "usual": one.usual, "text": one.text}
     if isinstance(one, FaultChoice):
         return found | {"choices": one.choices}

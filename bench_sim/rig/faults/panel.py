@@ -1,4 +1,4 @@
-"""The fault panel of a rig: which faults are on, since when and until when; they are switched here and nowhere else."""
+"""The fault panel of a rig: it switches all faults, and lists the active ones with start and end."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ LONGEST: Final = 86_400.0
 
 @dataclass(frozen=True, slots=True)
 class PlannedFault:
-    """A fault that a rig file asks for: from ``at`` (s of the rig's time) on, ``lasting`` so long, or for good."""
+    """A fault in a rig file: from ``at`` (s of the rig's time) on, for ``lasting`` s, or to the end."""
 
     name: str
     values: Mapping[str, Any]
@@ -27,7 +27,7 @@ class PlannedFault:
 
 @dataclass(frozen=True, slots=True)
 class ActiveFault:
-    """A fault that is on; times are s of the rig's time."""
+    """An active fault; times are s of the rig's time."""
 
     label: str
     fault: Fault
@@ -37,7 +37,7 @@ class ActiveFault:
     undos: tuple[Undo, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """Return what there is to say of it, for JSON."""
+        """Return its facts, for JSON."""
         return {
             "label": self.label,
             "name": self.fault.name,
@@ -48,7 +48,7 @@ class ActiveFault:
 
 
 class FaultPanel:
-    """Switches faults at the insertion ``points`` of a rig; anyone who calls it holds the rig's lock."""
+    """Switches faults at the insertion ``points`` of a rig. Callers hold the rig's lock."""
 
     def __init__(self, points: InsertionPoints) -> None:
         self.points: Final = points
@@ -61,13 +61,13 @@ class FaultPanel:
 
     @property
     def active(self) -> tuple[ActiveFault, ...]:
-        """Return the faults that are on, in the order in which they were switched on."""
+        """The active faults, in the order in which they were switched on."""
         return tuple(self._on.values())
 
     def on(self, name: str, given: Mapping[str, Any], lasting: float | None = None) -> ActiveFault:
-        """Switch a fault on, or change it where it is on already; ``lasting``: for so many s.
+        """Switch a fault on, or change an active one; ``lasting`` (s) limits its duration.
 
-        Raises FaultError, with nothing changed, for what does not exist or is not allowed.
+        Raises FaultError, without any change, for an unknown fault or invalid values.
         """
         fault = find_fault(name)
         values = fault.read(given)
@@ -108,7 +108,7 @@ class FaultPanel:
         return labels
 
     def plan(self, planned: PlannedFault) -> None:
-        """Switch a fault on when its time has come, now where that is 0; FaultError as `on`."""
+        """Switch a fault on at its time, at once for time 0; raises FaultError like `on`."""
         find_fault(planned.name).read(planned.values)
         _check_time("at", planned.at, 0.0)
         _check_time("for", planned.lasting, TICK)
@@ -123,7 +123,7 @@ class FaultPanel:
             self.points.schedule.at(tick, begin)
 
     def decide(self, happened: Happened) -> None:
-        """Let faults begin and end whose time has come."""
+        """Start and end the faults that are due."""
         if Happened.FAULT in happened:
             self.points.schedule.run()
 

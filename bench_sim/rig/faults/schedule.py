@@ -10,7 +10,7 @@ _NEVER: Final = -1
 
 
 class Schedule:
-    """Things to do at ticks to come; ``controls`` is the record of the tick."""
+    """Actions at future ticks; ``controls`` is the record of the tick."""
 
     def __init__(self, controls: Any) -> None:
         self._controls = controls
@@ -24,7 +24,7 @@ class Schedule:
         return int(self._controls["tick"])
 
     def at(self, tick: int, do: Callable[[], None]) -> Undo:
-        """Call ``do()`` behind ``tick``, or behind the next one if that is over; return what cancels it."""
+        """Call ``do()`` after ``tick``, or after the next one if it has passed; return a function that cancels it."""
         number = next(self._order)
         heapq.heappush(self._due, (max(tick, self.tick + 1), number, do))
         self._set_next_tick()
@@ -37,7 +37,7 @@ class Schedule:
         return cancel
 
     def every(self, ticks: int, do: Callable[[], None]) -> Undo:
-        """Call ``do()`` behind the next tick and then every so many ticks; return what ends it."""
+        """Call ``do()`` after the next tick and then every ``ticks`` ticks; return a function that ends it."""
         running = True
         cancel: Undo
 

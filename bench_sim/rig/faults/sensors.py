@@ -1,4 +1,4 @@
-"""The faults of sensors, by name: what the rig reads is wrong, on both wires and for its own limits too."""
+"""The faults of sensors, by name: wrong readings of the rig, on both buses and for its own limits."""
 
 import math
 from collections.abc import Callable

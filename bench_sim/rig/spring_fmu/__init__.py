@@ -1,1 +1,1 @@
-"""Springs of the simulated rig that an FMU computes."""
+"""Springs of the simulated rig that are computed by an FMU."""

@@ -1,4 +1,4 @@
-"""The instances of a spring FMU in the process in which they run, and the memory that this shares with the rig."""
+"""The instances of a spring FMU in the process that runs them, and the memory shared with the rig."""
 
 from __future__ import annotations
 
@@ -41,7 +41,9 @@ _FREQUENCY: Final = 2.0
 
 
 def shared(path: Path, coupling: Coupling, *, create: bool = False) -> ExternalSprings:
-    """Return the arrays in the file ``path``; create it with the values that are known before an instance exists."""
+    """Return the arrays in the file ``path``; with ``create`` write the values that are known before an instance
+    exists.
+    """
     shapes = layout(*coupling.sizes)
     sizes = [int(np.prod(shape)) * np.dtype(kind).itemsize for shape, kind in shapes]
     starts = np.concatenate(([0], np.cumsum([-(-size // 64) * 64 for size in sizes])))
@@ -162,7 +164,7 @@ _STATUS: Final = {2: "discard", 3: "error", 4: "fatal", 5: "pending"}
 
 
 def where(e: ExternalSprings, coupling: Coupling) -> str:
-    """Return the present or last call, its instance and its time, in words."""
+    """Return the present or last call, its instance and its time, as text."""
     k = e.numbers[Slot.INSTANCE]
     which = f" of the {coupling.instances[k].name} spring" if len(coupling.instances) > 1 else ""
     if not e.instances[k, COMPONENT]:
@@ -171,7 +173,7 @@ def where(e: ExternalSprings, coupling: Coupling) -> str:
 
 
 def failure_reason(e: ExternalSprings, coupling: Coupling) -> str:
-    """Return in words why a call failed that returned."""
+    """Return as text why a call failed."""
     n = e.numbers
     match Failure(n[Slot.FAILED]):
         case Failure.STATUS:

@@ -1,4 +1,4 @@
-"""``[simulation.spring_map]``: the variables of an FMU that are quantities of a spring, and how it is driven."""
+"""``[simulation.spring_map]``: the variables of an FMU for the quantities of a spring, and its steps."""
 
 from typing import Final, Literal
 

@@ -95,7 +95,7 @@ class Instance:
 
 @dataclass(frozen=True, slots=True)
 class Coupling:
-    """How an FMU replaces both springs. ``notes`` are sentences for the user."""
+    """The connection of an FMU that replaces both springs. ``notes`` are sentences for the user."""
 
     fmu: Fmu
     instances: tuple[Instance, ...]
@@ -114,7 +114,8 @@ class Coupling:
 
 
 def coupling_of(fmu: Fmu, keys: SpringMap, ambient: float) -> Coupling:
-    """Return how ``fmu`` replaces the springs. ``ambient`` (K) is the temperature of gas of which it has no output.
+    """Return the connection of ``fmu`` that replaces the springs. ``ambient`` (K) is the temperature of gas without an
+    output.
 
     Raises FmuError with the key of the map.
     """
@@ -140,7 +141,7 @@ def coupling_of(fmu: Fmu, keys: SpringMap, ambient: float) -> Coupling:
 
 
 def _own_names(fmu: Fmu, keys: SpringMap) -> SpringMap:
-    """Return the map of an FMU that has the bench's names."""
+    """Return the map of an FMU whose variables have the bench's names."""
     known = fmu.variables
     inputs = {name: name for name in _fed_names() if name in known and _is_input(known[name])}
     outputs = {name: name for name in _taken_names() if name in known and known[name].causality == "output"}
@@ -201,7 +202,7 @@ def _both_sides(keys: SpringMap) -> bool:
 def _instance(
     fmu: Fmu, keys: SpringMap, side: str, place: int | None, ambient: float, notes: list[str]
 ) -> Instance:
-    """Return the instance of a ``side``, or with "" of both."""
+    """Return the instance of a ``side``, or of both for ""."""
     if place is None:
         fed, taken = _fed_names(), _taken_names()
     else:
@@ -279,7 +280,7 @@ def _units(si: str) -> str:
 def _assumed(
     fmu: Fmu, outputs: list[Link], taken: Mapping[str, tuple[str, int]], ambient: float, notes: list[str]
 ) -> list[Link]:
-    """Return outputs that the FMU does not have: auxiliary pressure of the bellows, ambient temperature, no force."""
+    """Return values for missing outputs: auxiliary pressure as in the bellows, ambient temperature, no force."""
     mapped = {one.place: one for one in outputs}
     assumed = []
     for name, (si, place) in taken.items():
@@ -303,7 +304,7 @@ def _assumed(
 
 
 def _check_complete(fmu: Fmu, keys: SpringMap, instances: tuple[Instance, ...]) -> None:
-    """FmuError if a spring lacks its height, force or pressure."""
+    """Raise FmuError if a spring lacks its height, force or pressure."""
     fed = {link.place for one in instances for link in one.inputs}
     taken = {link.place for one in instances for link in one.outputs}
     missing = [f"inputs.{side}.height" for k, side in enumerate(SIDES) if Feed.HEIGHT + k not in fed]

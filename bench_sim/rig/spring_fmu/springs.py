@@ -1,4 +1,4 @@
-"""Springs of a rig that an FMU computes: tried in a separate process, then run there or in the rig's process."""
+"""Springs of a rig computed by an FMU: tested in a separate process, then run there or in the rig's process."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Budget:
 
     @classmethod
     def of(cls, step: float, durations: npt.NDArray[np.float64]) -> Budget:
-        """From measured durations without the first tenth, in which memory is touched."""
+        """Return the durations without the first tenth, in which memory is accessed for the first time."""
         counted = durations[len(durations) // 10 :]
         slow = float(np.quantile(counted, 0.99))
         return cls(step, float(np.median(counted)), slow, float(counted.max()))
@@ -77,10 +77,10 @@ def _time(value: float) -> str:
 
 
 class SpringFmu:
-    """Springs that an FMU computes (`bench_sim.rig.springs.ReplacementSprings`); `close` ends its process.
+    """Springs computed by an FMU (`bench_sim.rig.springs.ReplacementSprings`); `close` ends its process.
 
-    Raises FmuError for an FMU that cannot be used, which includes a failure in the trial. ``budget`` is the duration
-    of its steps.
+    Raises FmuError for an FMU that cannot be used, which includes a failure in the trial. ``budget`` is the duration of
+    its steps.
     """
 
     _worker: Worker | None = None
@@ -111,7 +111,7 @@ class SpringFmu:
 
     @property
     def adjustable(self) -> frozenset[str]:
-        """Parameters that an operator changes between runs and that are inputs of the FMU."""
+        """Parameters that an operator changes between runs and for which the FMU has inputs."""
         fed = set(self.arrays.fed.tolist())
         names = {"nominal_preload": Feed.NOMINAL_PRELOAD, "orifice_diameter": Feed.ORIFICE_DIAMETER}
         return frozenset(name for name, place in names.items() if {place, place + 1} <= fed)
@@ -142,7 +142,7 @@ class SpringFmu:
         n[Slot.PATIENCE] = min(n[Slot.PATIENCE], _STEP_TIMEOUT_MAX)
 
     def failure(self) -> str:
-        """Return in words why the springs are lost; kill a process that hangs."""
+        """Return as text why the springs have failed; kill a process that hangs."""
         e = self.arrays
         failed, at = Failure(e.numbers[Slot.FAILED]), where(e, self.coupling)
         if self._worker and failed in (Failure.SILENT, Failure.GONE):
@@ -173,7 +173,7 @@ class SpringFmu:
         return Budget.of(coupling.ticks * TICK, durations)
 
     def _time_notes(self, feeds: npt.NDArray[np.float64]) -> tuple[str, ...]:
-        """Return in words whether the FMU is fast enough in real time, else a step for which it is."""
+        """Return sentences on whether the FMU is fast enough in real time, or a step for which it is."""
         rate = f"{1e-3 / TICK:g} kHz"
         if self.budget.in_a_tick:
             return (f"{self._name}: {self.budget}: {rate} is kept",)
