@@ -1,4 +1,4 @@
-"""Report of the air in the springs: the pressures, the reaction of the bench, and the instruction for a person."""
+"""Texts on the air left in the springs: the pressures, the reaction of the bench, and the instruction for a person."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def _empty(known: _Known) -> bool:
 
 
 def _becomes(bench: Bench, known: _Known) -> str:
-    """Return a text on the reaction of the bench to the air of the springs in its present state."""
+    """Return a text on what the bench does with the air of the springs in its present state."""
     if not known.state:
         return f"it is not known what the bench does with the air: {known.why}"
     fate = bench.wiring.sequences.air.get(known.state)

@@ -9,7 +9,7 @@ _PLACE: Final = re.compile(r"\{(\w+)(?::\w+)?\}")
 
 
 class CheckName(str):
-    """The name of a check, perhaps with ``{places}`` that `of` fills, and one sentence ``about`` it.
+    """The name of a check with one sentence ``about`` it; `of` fills its ``{places}``, if any.
 
     ``requirement`` is the clause of a standard, or the number of a requirement, that the check verifies.
     """
@@ -23,15 +23,15 @@ class CheckName(str):
         return made
 
     def of(self, ending: str = "", **places: object) -> CheckName:
-        """Return the name with its places filled, and an ``ending``; the sentence is the same."""
+        """Return the name with its places filled, and with an ``ending``; the sentence stays the same."""
         return CheckName(self.format(**places) + ending, self.about, requirement=self.requirement)
 
     @property
     def shown(self) -> str:
-        """The name for a list of what a plan checks: ``<side> valve, dead band``."""
+        """The name for a list of the checks of a plan: ``<side> valve, dead band``."""
         return _PLACE.sub(r"<\1>", self)
 
 
 def about(name: str) -> str:
-    """Return the sentence about a check, "" for a plain name, which has none."""
+    """Return the sentence about a check; "" for a plain string."""
     return name.about if isinstance(name, CheckName) else ""

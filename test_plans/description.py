@@ -21,7 +21,7 @@ _Follows = TypeVar("_Follows", bound=Callable[..., Any])
 class Description(Mapping[str, float]):
     """The dimensions of a rig (SI), by the names of `bench_protocol.dimensions`; they do not change.
 
-    NotAvailable, with its name, for one that no one has stated: there is no default.
+    Raises NotAvailable, with its name, for a dimension that is not stated: there are no defaults.
     """
 
     __slots__ = ("dimensions", "known", "rig")
@@ -47,11 +47,11 @@ class Description(Mapping[str, float]):
         return len(self.dimensions.known)
 
     def stated(self, name: str) -> Dimension | None:
-        """Return a dimension with its uncertainty; None if it is unknown or not a dimension."""
+        """Return a dimension with its uncertainty; None if it is not stated or not a dimension."""
         return self.dimensions.known.get(name)
 
     def lacks(self, *names: str) -> str:
-        """Return in words which of the dimensions ``names`` no one has stated; "" if all are known."""
+        """Return a text with the dimensions among ``names`` that are not stated; "" if all are."""
         missing = [name for name in dict.fromkeys(names) if name not in self.dimensions.known]
         if not missing:
             return ""
@@ -60,7 +60,9 @@ class Description(Mapping[str, float]):
 
 
 def once_for_a_rig(follows: _Follows) -> _Follows:
-    """Keep what follows from a description and hashable arguments; from other mappings, which change, it is again."""
+    """Cache the results for a `Description` and hashable arguments; for other mappings, which may change, compute them
+    again.
+    """
 
     @wraps(follows)
     def known(rig: Mapping[str, float], *args: Hashable) -> Any:
@@ -75,7 +77,7 @@ def once_for_a_rig(follows: _Follows) -> _Follows:
 
 
 def is_dimension(need: str) -> bool:
-    """Return whether what a plan needs is a dimension, and not a signal."""
+    """Return whether a need of a plan is a dimension, and not a signal."""
     return need in NAMES
 
 
@@ -86,7 +88,7 @@ def lag_of(rig: Mapping[str, float], *signals: str) -> float:
 
 
 def lags(signals: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of the lags of some signals, as a plan needs them."""
+    """Return the names of the lags of some signals, for the needs of a plan."""
     return tuple(lag(one) for one in signals)
 
 
@@ -106,5 +108,5 @@ def stamps_of(bench: Bench) -> dict[str, Stamp]:
 
 
 def clocks(bench: Bench) -> dict[str, str]:
-    """Return what a record says of the clocks: by transport and message, whose it is and what it may be off by."""
+    """Return the entries of a record on the clocks, by transport and message: the owner and the error limit of each."""
     return {one.shared: f"{one.clock}, within {one.within * 1e6:g} µs" for one in stamps_of(bench).values()}

@@ -1,6 +1,6 @@
-"""The test plans by name, found where they are declared: in `plans`, in packages, and in a folder of the user.
+"""Search for the test plans by name: in `plans`, in installed packages, and in a folder of the user.
 
-A file that cannot be used costs its own plans only; `unusable` lists such files with the reasons.
+A file that cannot be used affects its own plans only; `unusable` lists such files with the reasons.
 """
 
 import os
@@ -41,7 +41,7 @@ def plans() -> dict[str, Plan]:
 
 
 def unusable() -> list[str]:
-    """Return in words which files, modules and plans cannot be used: where, and why."""
+    """Return a text for each file, module or plan that cannot be used, with place and reason."""
     return find_all().unusable
 
 
@@ -59,7 +59,7 @@ def find_all() -> Found:
 
 
 def by_name(modules: Iterable[ModuleType]) -> Found:
-    """Return the plans that ``modules`` declare. Of two plans with one name the first counts."""
+    """Return the plans that ``modules`` declare; of two plans with the same name, the first."""
     found: dict[str, tuple[Plan, str]] = {}
     wrong = []
     for module in modules:
@@ -79,7 +79,7 @@ def _shown(module: ModuleType) -> str:
 def in_file(path: Path) -> dict[str, Plan]:
     """Return the plans that the Python file ``path`` declares, by name.
 
-    PlanError, with file and line, if it cannot be read or run, or declares none.
+    Raises PlanError, with file and line, if the file cannot be read or run, or declares no plan.
     """
     module = _module_of(path)
     found = {one.name: one for one in declared(module) if one.main.__module__ == module.__name__}
@@ -89,7 +89,7 @@ def in_file(path: Path) -> dict[str, Plan]:
 
 
 def declared(module: ModuleType) -> Iterator[Plan]:
-    """Yield the plans that stand at the top of ``module``, on their own or in a tuple."""
+    """Yield the plans at the top level of ``module``, single or in a tuple."""
     for value in vars(module).values():
         for one in value if isinstance(value, tuple) else (value,):
             if isinstance(one, Plan):
@@ -97,7 +97,7 @@ def declared(module: ModuleType) -> Iterator[Plan]:
 
 
 def _modules(wrong: list[str]) -> Iterator[ModuleType]:
-    """Yield all modules with plans; append to ``wrong`` why one cannot be imported."""
+    """Yield all modules with plans; append the reason to ``wrong`` for each that cannot be imported."""
     names = [f"{inside.__name__}.{module.name}" for module in iter_modules(inside.__path__)]
     for name in (*names, *(entry.module for entry in entry_points(group=GROUP))):
         try:
@@ -115,7 +115,7 @@ def _modules(wrong: list[str]) -> Iterator[ModuleType]:
 
 
 def _module_of(path: Path) -> ModuleType:
-    """Return what a Python file that belongs to no package declares; it is run once."""
+    """Return the module of a Python file outside packages; the file is run once."""
     name = f"{_OWN}{path.resolve()}"
     if name in sys.modules:
         return sys.modules[name]
@@ -135,7 +135,7 @@ def _module_of(path: Path) -> ModuleType:
 
 
 def _places(error: BaseException) -> Iterator[tuple[str, int | None]]:
-    """Yield the files and lines that an error came through, the last first."""
+    """Yield the files and lines of an error's traceback, innermost first."""
     if isinstance(error, SyntaxError) and error.filename:
         yield error.filename, error.lineno
     for frame in reversed(extract_tb(error.__traceback__)):

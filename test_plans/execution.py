@@ -75,7 +75,7 @@ def execute(
     suspension: Suspension | None = None,
     twin: TwinState | None = None,
 ) -> Result:
-    """Run ``plan`` on a connected ``bench`` and leave record, ``result.json`` and ``junit.xml`` in ``directory``.
+    """Run ``plan`` on a connected ``bench`` and write record, ``result.json`` and ``junit.xml`` to ``directory``.
 
     Without a ``specimen`` the default one is used. Without an ``operator`` the actions that a simulated rig offers are
     used. Computed values have an uncertainty if the instruments of the bench are known.
@@ -173,7 +173,7 @@ def _clocks(bench: Bench) -> dict[str, Any]:
 
 
 def _concluded(run: Run, plan: Plan, reason: str, **rest: Any) -> Result:
-    """Return the result of a run that is over."""
+    """Return the result of a run that has ended."""
     return conclude(
         plan.name,
         plan.title,
@@ -219,7 +219,7 @@ def _perform(run: Run, plan: Plan, stops: Interruptions) -> tuple[str, str, bool
 
 
 def _look_at(plan: Plan, run: Run) -> None:
-    """Check the preconditions of ``plan``. NotReady, with the remedy, if one is not met."""
+    """Check the preconditions of ``plan``. Raises NotReady, with the remedy, if one is not met."""
     unmet = [told for one in plan.requires if not one.armed for told in _unmet(run, one)]
     if not unmet and (armed := [one for one in plan.requires if one.armed]):
         try:
@@ -360,7 +360,9 @@ def _hidden(error: BaseException) -> str:
 
 
 def _silent(bench: Bench) -> str:
-    """Return a text with the silent measurements, because an array of samples does not have the name of its signal."""
+    """Return a text with the measurements that have no value; an array of samples does not state the name of its
+    signal.
+    """
     silent = [
         signal.name
         for signal in MEASUREMENTS
@@ -370,7 +372,7 @@ def _silent(bench: Bench) -> str:
 
 
 def _place(error: BaseException, plan: Plan) -> str:
-    """Return the innermost line of the file of ``plan`` that raised ``error``; else that of this package."""
+    """Return the innermost line of ``plan``'s file in the traceback of ``error``; otherwise that of this package."""
     frames = traceback.extract_tb(error.__traceback__)
     own = getattr(sys.modules.get(plan.main.__module__), "__file__", None)
     machinery = [Path(__file__).with_name(f"{name}.py") for name in ("execution", "plan", "run")]

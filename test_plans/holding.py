@@ -1,4 +1,4 @@
-"""Where a plan can be held is read from its code: a plan is a program, and has no list of its hold points."""
+"""Search of a plan's code for hold points: a plan is a program and has no list of them."""
 
 import dis
 import sys
@@ -24,15 +24,15 @@ _FOREIGN: Final = sys.stdlib_module_names | {"bench_protocol", "bench_records", 
 def can_be_held(plan: Any) -> bool:
     """Return whether a part of the `test_plans.plan.Plan`, or a function that the part names, has a hold point.
 
-    Its parameters may lead the run past that point.
+    Depending on its parameters, a run may not reach that point.
     """
     return _has_place([plan.setup, plan.main, plan.teardown])
 
 
 def can_still_be_held(frame: FrameType | None, to_come: Iterable[Any]) -> bool:
-    """Return whether a run may come to a hold point after ``frame``, which is part of it, or in parts ``to_come``.
+    """Return whether a run may reach a hold point after ``frame``, one of its frames, or in the parts ``to_come``.
 
-    The code is read that can still be reached in this frame and in its callers, up to `test_plans.execution`.
+    Searches the code that this frame and its callers, up to `test_plans.execution`, can still reach.
     """
     waiting: list[Any] = list(to_come)
     while frame is not None:
@@ -53,7 +53,7 @@ def can_still_be_held(frame: FrameType | None, to_come: Iterable[Any]) -> bool:
 
 @lru_cache(maxsize=1024)
 def _ahead(code: CodeType, last: int) -> frozenset[str]:
-    """Return the names in the instructions that can be reached after the one at ``last``."""
+    """Return the names in the instructions that can be reached after the instruction at offset ``last``."""
     body = dis.Bytecode(code)
     instructions = list(body)
     places = {one.offset: k for k, one in enumerate(instructions)}
@@ -84,7 +84,7 @@ def _ahead(code: CodeType, last: int) -> frozenset[str]:
 
 
 def _has_place(waiting: list[Any]) -> bool:
-    """Return whether a function among these, or one that it names, asks whether the run is to be held."""
+    """Return whether one of these functions, or one that they name, has a hold point."""
     seen: set[int] = set()
     while waiting:
         one = waiting.pop()
@@ -119,7 +119,7 @@ def _names(code: CodeType) -> Iterator[str]:
 
 
 def _named(function: FunctionType, names: set[str]) -> Iterator[Any]:
-    """Yield what a function may call by its names, or was made with."""
+    """Yield the objects that ``function`` refers to by ``names``, by its closure or as the wrapped function."""
     yield getattr(function, "__wrapped__", None)
     yield from (cell.cell_contents for cell in function.__closure__ or () if _filled(cell))
     yield from _of_globals(function.__globals__, names)

@@ -1,4 +1,4 @@
-"""The instruments of a rig: errors of every reading by data sheet and certificate, from a TOML file.
+"""Instruments of a rig: errors of every reading from data sheet and certificate, read from a TOML file.
 
 Every value has a unit, a source and a provenance (measured, data sheet or assumed). The errors of a reading without an
 instrument are unknown, so values computed from it have no uncertainty.
@@ -61,7 +61,7 @@ class Instrument:
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """The piece that gives one reading, and its calibration."""
+    """One instrument, which gives one reading, and its calibration."""
 
     signal: str
     instrument: Instrument
@@ -72,15 +72,15 @@ class Piece:
 
     @property
     def holds_until(self) -> date | None:
-        """The last day on which its calibration holds: the due date, else `INTERVAL` after the calibration."""
+        """The last day on which the calibration is valid: the due date, otherwise `INTERVAL` after the calibration."""
         return self.due or (self.calibrated + INTERVAL if self.calibrated else None)
 
     def overdue(self, today: date | None) -> bool:
-        """Return whether its calibration has expired ``today``; False without a date."""
+        """Return whether the calibration has expired ``today``; False without a date."""
         return bool(today and self.holds_until and today > self.holds_until)
 
     def trouble(self, today: date | None) -> str:
-        """Return a text why its calibration does not hold ``today``, "" if it does; without a date none has expired."""
+        """Return a text why the calibration is not valid ``today``; "" if it is. Without a date none has expired."""
         piece = f"{self.signal} ({self.instrument.type}, no. {self.serial_number})"
         if not self.certificate:
             return f"{piece} has no certificate of calibration"
@@ -98,14 +98,14 @@ class Piece:
 
 @dataclass(frozen=True, slots=True)
 class Instruments:
-    """The pieces of a rig by the signal that they give."""
+    """The instruments of a rig by signal."""
 
     file: str = ""
     sha256: str = ""
     pieces: Mapping[str, Piece] = field(default_factory=dict)
 
     def troubles(self, today: date | None, signals: Collection[str] = ()) -> list[str]:
-        """Return a text for each calibration that does not hold ``today``, of all pieces or those of ``signals``."""
+        """Return a text for each calibration that is not valid ``today``, of all pieces or those of ``signals``."""
         found = []
         for name in signals or self.pieces:
             piece = self.pieces.get(name)
@@ -147,9 +147,9 @@ def ordinary() -> Instruments:
 
 
 def read_instruments(name: str | Path, home: Path = Path()) -> Instruments:
-    """Return the instruments of a TOML file, seen from ``home``, or those that come with the bench under this name.
+    """Return the instruments of a TOML file relative to ``home``, or the ones that come with the bench under this name.
 
-    InstrumentsError, with file, key, value and unit, if it cannot be read or has an invalid entry.
+    Raises InstrumentsError, with file, key, value and unit, if the file cannot be read or has an invalid entry.
     """
     path, sha256, content = read_named(PACKAGE, name, home, InstrumentsError)
     try:

@@ -16,7 +16,7 @@ STOPPING: Final = tuple(
 
 
 class Interruptions:
-    """Context manager that defers the signals that stop a run until a part of the run that may be stopped.
+    """Context manager that defers stop signals until an interruptible part of the run.
 
     Signals that are still pending at the exit go to the handlers that were installed before. Only the main thread
     receives signals: in other threads, and for signals without a Python handler, nothing changes.

@@ -26,7 +26,7 @@ class SpecimenError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """Limits of a check, SI; None without a limit on that side."""
+    """Limits of a check (SI); None on a side without a limit."""
 
     low: float | None = None
     high: float | None = None
@@ -40,7 +40,7 @@ class Band:
         return Band(low, None if self.high is None else self.high + by * abs(self.high))
 
     def times(self, factor: float) -> Band:
-        """Return this band with both limits times a positive ``factor``."""
+        """Return this band with both limits multiplied by a positive ``factor``."""
         return Band(*(None if end is None else factor * end for end in (self.low, self.high)))
 
     def text(self, unit: str) -> str:
@@ -53,7 +53,7 @@ class Band:
 
 
 def within(expected: float, tolerance: float) -> Band:
-    """Return ``expected`` plus or minus ``tolerance``, a fraction of it."""
+    """Return the band of ``expected`` plus or minus the fraction ``tolerance`` of it."""
     return Band(expected * (1 - tolerance), expected * (1 + tolerance))
 
 
@@ -73,17 +73,19 @@ class Limits:
     units: Mapping[str, str] = field(default_factory=dict)  #: SI unit of each limit in the table of a plan
 
     def band(self, name: str, unit: str = "") -> Band:
-        """Return the limits of one value. SpecimenError if the file does not state them, or in another quantity."""
+        """Return the limits of one value. Raises SpecimenError if the file lacks them, or has them in another
+        quantity.
+        """
         return self._stated(name, unit, self.bands, "low, high or expected with tolerance")
 
     def curve(self, name: str, unit: str = "") -> Mapping[float, Band]:
-        """Return limits by place (SI). SpecimenError if the file does not state them, or in another quantity."""
+        """Return limits by place (SI). Raises SpecimenError if the file lacks them, or has them in another quantity."""
         return self._stated(name, unit, self.curves, "a list of places, expected and tolerance")
 
     def curve_at(self, name: str, place: float, unit: str = "") -> tuple[float, float]:
-        """Return low and high at a ``place`` (SI) on a curve, interpolated linearly.
+        """Return the lower and upper limit at a ``place`` (SI) on a curve, interpolated linearly.
 
-        SpecimenError if the file has no such curve, or the ``place`` is outside of it.
+        Raises SpecimenError if the file has no such curve, or if the ``place`` is outside of it.
         """
         curve = self.curve(name, unit)
         if not min(curve) <= place <= max(curve):

@@ -1,4 +1,4 @@
-"""A plan to begin one's own with: a file that runs as it is."""
+"""Template of a new plan: a file that runs unchanged."""
 
 import keyword
 from collections.abc import Collection
@@ -39,9 +39,9 @@ def {name}(run: Run) -> None:
 
 
 def write_new(name: str, folder: Path, known: Collection[str]) -> Path:
-    """Write a plan ``name`` into a file of ``folder`` and return its path.
+    """Write a plan ``name`` to a file in ``folder`` and return its path.
 
-    PlanError for a name that Python or one of the plans ``known`` has already, or if there is such a file.
+    Raises PlanError if Python or one of the plans ``known`` uses the name, or if the file exists.
     """
     if not name.isidentifier() or keyword.iskeyword(name) or name == "new":
         raise PlanError(f"{name!r} is no name for a plan: letters, digits and _ as in pressure_is_kept")

@@ -1,4 +1,4 @@
-"""The operator of a run: who can be asked, what a question is, and how an answer comes back."""
+"""The operator of a run: interface, questions and answers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ABORT: Final = "abort"
 
 
 class Unanswered(Exception):
-    """No one answers a question; the text states why."""
+    """No one will answer a question; the text states why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,27 +46,27 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """An answer, and who gave it."""
+    """An answer, and the person or program that gave it."""
 
     text: str
     by: str
 
 
 class Operator(Protocol):
-    """Who can be asked. A run asks one question at a time and looks for its answer until there is one."""
+    """Interface of an operator. A run asks one question at a time and polls for its answer."""
 
     def ask(self, question: Question) -> None:
-        """Take a question. Unanswered, with the reason, if no one will answer it."""
+        """Accept a question. Raises Unanswered, with the reason, if no one will answer it."""
 
     def answer(self) -> Answer | None:
-        """Return the answer to the question, None as long as there is none. Unanswered if there will be none."""
+        """Return the answer to the question, None if there is none yet. Raises Unanswered if there will be none."""
 
     def withdraw(self) -> None:
-        """Forget the question: it was answered, or its time has passed."""
+        """Remove the question, which was answered or timed out."""
 
 
 class NoOperator:
-    """An operator who is not there."""
+    """An operator that answers no question."""
 
     def ask(self, question: Question) -> None:
         raise Unanswered("there is no operator to ask")
@@ -83,9 +83,9 @@ Reply = str | Callable[[Question], str]
 
 
 class Script:
-    """Answers known beforehand: by the text of the question or its deed, in which ``*`` represents anything.
+    """Prepared answers by the text or the deed of a question, in which ``*`` matches any text.
 
-    The first that fits is taken. ValueError for an answer that the question does not allow.
+    The first match is used. Raises ValueError for an answer that the question does not allow.
     """
 
     def __init__(self, replies: Mapping[str, Reply], by: str = "a script") -> None:
@@ -110,10 +110,7 @@ class Script:
 
 
 class QuestionBox:
-    """Holds a question until any thread answers it, for example a terminal or a panel in a browser.
-
-    ``question`` is the text to show. Other displays are not its concern.
-    """
+    """Storage of a question until a thread answers it, for example a terminal or a panel in a browser."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -131,14 +128,14 @@ class QuestionBox:
 
     @property
     def question(self) -> Question | None:
-        """The question that waits for an answer, if there is one."""
+        """The question that waits for an answer, if any."""
         with self._lock:
             return None if self._answer else self._question
 
     def reply(self, text: str, by: str, to: str = "") -> None:
-        """Answer the question that waits. ValueError if there is none, or if it does not allow this answer.
+        """Answer the current question. Raises ValueError if there is none, or if it does not allow this answer.
 
-        Who says ``to`` which question he answers does not answer the next one, should it come at that moment.
+        With ``to``, the text of the question, a late answer cannot reach the next question.
         """
         with self._lock:
             if self._question is None or self._answer is not None:
@@ -161,7 +158,7 @@ class QuestionBox:
 
 
 class FirstOf:
-    """Several operators: each question goes to the first who takes it."""
+    """Several operators: each question goes to the first one that accepts it."""
 
     def __init__(self, *operators: Operator) -> None:
         self._operators = operators

@@ -1,4 +1,4 @@
-"""The parameters of a plan: what its function may be given by name, with unit and range, as people write it."""
+"""Parameters of a plan: the keyword arguments of its function, with unit and range, in text form."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ Value = float | int | str
 
 
 class ParameterRefused(ValueError):
-    """A value that a plan's parameter does not take; the text has name, value, unit and range."""
+    """A value is not allowed for a parameter of a plan; the text has name, value, unit and range."""
 
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """What a number may be, both ends (SI) included, and its unit for people: ``Range(1 * mm, 50 * mm, "mm")``."""
+    """The range of a number, both ends (SI) included, and its unit in texts: ``Range(1 * mm, 50 * mm, "mm")``."""
 
     low: float
     high: float
@@ -48,7 +48,7 @@ class Range:
 
 @dataclass(frozen=True, slots=True)
 class File:
-    """What a file may be, in words, and which names represent what needs none: ``File("a table of …", ("none",))``."""
+    """A description of a required file, and the names that need no file: ``File("a table of …", ("none",))``."""
 
     about: str
     names: tuple[str, ...]
@@ -72,7 +72,9 @@ class Parameter:
     whole: bool = False  #: a number without fraction
 
     def read(self, text: Any) -> Value:
-        """Return ``text``, such as ``20 mm`` or ``AW3``, as the plan takes it (SI). ParameterRefused if it does not."""
+        """Return the value of ``text``, such as ``20 mm`` or ``AW3``, in SI. Raises ParameterRefused if it is not
+        allowed.
+        """
         if self.file is not None:
             if text not in self.file and not Path(text).is_file():
                 raise ParameterRefused(f"{self.name} = {text} is not a file; use {self.file}")
@@ -94,7 +96,7 @@ class Parameter:
         return round(value) if self.whole else value
 
     def show(self, value: Value) -> str:
-        """Return ``value`` (SI) as people write it."""
+        """Return ``value`` (SI) as text with unit."""
         if self.range is None or isinstance(value, str):
             return str(value)
         unit = "" if self.range.unit == "1" else self.range.unit
@@ -102,14 +104,14 @@ class Parameter:
 
     @property
     def allowed(self) -> str:
-        """What it may be, in words."""
+        """The allowed values as text."""
         return str(self.range or self.file or ", ".join(self.choices))
 
 
 def declared_parameters(function: Callable[..., None]) -> tuple[Parameter, ...]:
     """Return the parameters of a plan's function: all of its parameters except the first, which is the run.
 
-    TypeError for one without a default, or with neither a range nor choices, or with a default outside of them.
+    Raises TypeError for a parameter without a default, without range or choices, or with a default outside of them.
     """
     names = list(inspect.signature(function).parameters.values())[1:]
     if not names:
@@ -141,7 +143,9 @@ def _declared(name: str, hint: Any, default: Any) -> Parameter:
 
 
 def read_all(plan: str, known: tuple[Parameter, ...], given: Mapping[str, Any]) -> dict[str, Value]:
-    """Return the values of all ``known`` parameters of a plan, those ``given`` as texts and the others by default."""
+    """Return the values of all ``known`` parameters of a plan: those ``given`` from their texts, the others by
+    default.
+    """
     by_name = {one.name: one for one in known}
     for name in given:
         if name not in by_name:

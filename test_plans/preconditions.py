@@ -45,7 +45,7 @@ class ConditionResult:
 
 @dataclass(frozen=True, slots=True)
 class Precondition:
-    """A condition in words, and the function that checks it.
+    """A condition as text, and the function that checks it.
 
     An unknown result blocks the plan if the precondition is ``strict``. A precondition with ``armed`` is checked on the
     armed bench, with set-points at the measured values: nothing moves, and the bench is disarmed again.
@@ -58,7 +58,7 @@ class Precondition:
 
 
 def supply(at_least: float) -> Precondition:
-    """The air supply has a pressure (Pa gauge), behind the main valve."""
+    """Return the precondition that the air supply has a pressure (Pa gauge), behind the main valve."""
 
     def look(run: Run) -> ConditionResult:
         if lacking := run.bench.lacks("supply.pressure"):
@@ -78,7 +78,10 @@ def supply(at_least: float) -> Precondition:
 
 
 def supply_for(*loads: str) -> Precondition:
-    """The air supply has `HEADROOM` above the pressure for the load cases; "load" is that of the plan's parameter."""
+    """Return the precondition that the supply exceeds the pressure of the load cases by `HEADROOM`.
+
+    "load" means the load case of the plan's parameter.
+    """
 
     def look(run: Run) -> ConditionResult:
         carries = max(run.specimen.load(name).fill_pressure for name in _chosen(run, loads))
@@ -90,14 +93,17 @@ def supply_for(*loads: str) -> Precondition:
 
 
 def on_the_bench(*loads: str) -> list[Precondition]:
-    """Preconditions of every measurement of a spring under load cases; "load" is that of the plan's parameter."""
+    """Return the preconditions of every measurement of a spring under load cases; "load" is that of the plan's
+    parameter.
+    """
     return [load_cases(*loads), gas(*HALL), not_overdue(), supply_for(*loads)]
 
 
 def gas(low: float, high: float) -> Precondition:
-    """The gas in the springs, which at rest has the temperature of the hall, lies within two temperatures (K).
+    """Return the precondition that the gas in the springs has a temperature between ``low`` and ``high`` (K).
 
-    Gas that an earlier run has expanded or compressed has `COME_BACK` (s) to return to it.
+    At rest it has the temperature of the hall. Gas that an earlier run expanded or compressed has `COME_BACK` (s) to
+    return to it.
     """
     span = f"{low - ICE:.3g} to {high - ICE:.3g} °C"
 
@@ -126,7 +132,10 @@ def gas(low: float, high: float) -> Precondition:
 
 
 def calibrated(*signals: str) -> Precondition:
-    """The instruments of some signals, or all, have certificates that hold today; virtual time judges no dates."""
+    """Return the precondition that the instruments of some signals, or all, have certificates that are valid today.
+
+    In virtual time dates are not judged.
+    """
 
     def look(run: Run) -> ConditionResult:
         if not run.instruments.pieces:
@@ -142,7 +151,10 @@ def calibrated(*signals: str) -> Precondition:
 
 
 def not_overdue() -> Precondition:
-    """No instrument is overdue for its calibration; not judged in virtual time, or if no instruments are described."""
+    """Return the precondition that no instrument is overdue for calibration.
+
+    It is not judged in virtual time, or if no instruments are described.
+    """
 
     def look(run: Run) -> ConditionResult:
         pieces, day = run.instruments.pieces.values(), today(run)
@@ -160,7 +172,7 @@ def not_overdue() -> Precondition:
 
 
 def load_cases(*names: str) -> Precondition:
-    """The file of the specimen has these load cases; "load" is that of the plan's parameter."""
+    """Return the precondition that the specimen's file has these load cases; "load" is that of the plan's parameter."""
 
     def look(run: Run) -> ConditionResult:
         lacking = [name for name in _chosen(run, names) if name not in run.specimen.loads]
@@ -178,7 +190,8 @@ def _chosen(run: Run, names: Iterable[str]) -> list[str]:
 
 
 def rested(at_least: float) -> Precondition:
-    """The specimen has not been moved on this bench for a time (s), since the last run or the connection.
+    """Return the precondition that the specimen has rested on this bench for a time (s), since the last run or
+    connection.
 
     For a new rig in virtual time this time is infinite.
     """
@@ -193,7 +206,7 @@ def rested(at_least: float) -> Precondition:
 
 
 def confirmed(text: str) -> Precondition:
-    """The operator confirms a condition that no signal shows."""
+    """Return the precondition that the operator confirms ``text``, a condition that no signal shows."""
 
     def look(run: Run) -> ConditionResult:
         answer = run.ask(f"is this so: {text}?", (YES, NO), within=_LOOK_WITHIN)
@@ -213,5 +226,5 @@ def _rest(run: Run) -> float:
 
 
 def today(run: Run) -> date | None:
-    """Return the day of a run in real time; virtual time has none."""
+    """Return the date of a run in real time; None in virtual time."""
     return None if isinstance(run.bench.clock, VirtualClock) else date.fromisoformat(utc_date()[:10])

@@ -1,4 +1,4 @@
-"""What is wrong in the source of a plan and can be known before anything moves: names, readings, signals, units."""
+"""Mistakes in the source of a plan that can be found before any motion: names, readings, signals, units."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ _OF_SIGNALS: Final = ("averages", "capture")
 
 
 def mistakes(plan: Plan, run: Run) -> list[str]:
-    """Return what is wrong in the parts of ``plan``, each with file, line and what would be right.
+    """Return a text for each mistake in the parts of ``plan``, with file, line and correction.
 
-    Reported is only what would certainly raise an error if the line was executed.
+    Only mistakes that are certain to raise an error when the line is executed are reported.
     """
     found: list[str] = []
     for part in dict.fromkeys((plan.setup, plan.main, plan.teardown)):
@@ -47,7 +47,7 @@ def _begins_with_a_run(part: Callable[..., None]) -> bool:
 
 
 def _unknown_names(part: Any) -> Iterator[tuple[int, str]]:
-    """Yield global names of a function and of those inside that no one has given a value."""
+    """Yield line and text for global names without a value, in a function and the functions inside it."""
     known = part.__globals__.keys() | vars(builtins).keys()
     for code in _codes(part.__code__):
         for step in dis.get_instructions(code):
@@ -69,7 +69,7 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def _is_made_later(part: Any, name: str) -> bool:
-    """Whether a function of the file may make a global name while the plan runs."""
+    """Return whether a function of the file may define a global name while the plan runs."""
     try:
         text = Path(part.__code__.co_filename).read_text(encoding="utf-8")
     except (OSError, UnicodeError):
@@ -78,7 +78,7 @@ def _is_made_later(part: Any, name: str) -> bool:
 
 
 def _wrong_words(part: Any, run: Run) -> Iterator[tuple[int, str]]:
-    """Yield attributes that run, bench and devices do not have, and signals and units that do not exist."""
+    """Yield line and text for attributes that run, bench and devices do not have, and for unknown signals and units."""
     try:
         lines, start = inspect.getsourcelines(part)
         tree = ast.parse(dedent("".join(lines)))
@@ -120,7 +120,7 @@ def _texts(nodes: list[ast.expr]) -> list[str]:
 
 
 def _object(node: ast.expr, name: str, run: Run) -> object:
-    """Return the run, bench or device that an expression such as ``run.bench.left`` is; None for anything else."""
+    """Return the run, bench or device of an expression such as ``run.bench.left``; None for anything else."""
     if isinstance(node, ast.Name):
         return run if node.id == name else None
     if not isinstance(node, ast.Attribute):

@@ -22,7 +22,7 @@ _EDGES: Final = tuple(one.edge for one in LATENESS_BINS[:-1])
 
 
 def lateness(bench: Bench) -> dict[str, float] | None:
-    """The rig's own account of its punctuality, or nothing if it keeps none or does not answer any more."""
+    """Return the rig's counters of late ticks; None if it has none or does not answer."""
     try:
         told = bench.settings.readings(*_ACCOUNT)
     except BenchError:
@@ -33,9 +33,9 @@ def lateness(bench: Bench) -> dict[str, float] | None:
 def timing(
     before: dict[str, float] | None, after: dict[str, float] | None, disturbed: dict[str, int]
 ) -> Timing | None:
-    """The punctuality during the run: differences of counters; quantiles are the upper edges of their bins.
+    """Return the punctuality during the run: differences of counters; quantiles are the upper edges of their bins.
 
-    ``disturbed``: late ticks by the name of the check that was measured meanwhile.
+    ``disturbed`` are the late ticks by name of the check that was measured meanwhile.
     """
     if before is None or after is None:
         return None

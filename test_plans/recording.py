@@ -1,4 +1,4 @@
-"""What the record of a run keeps: every sample that the rig reports, its changes of state, the settings in force."""
+"""Record of a run: every sample that the rig reports, its changes of state, and the settings in force."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _EVENTS: Final = {"rig.tripped": "trip", "rig.reason": "reason", "rig.state": "s
 
 
 def recorded_signals(table: Table) -> dict[int, SignalInfo]:
-    """Return for every table row that a rig reports how the record describes it."""
+    """Return the description in the record of every table row that a rig reports."""
     found = {}
     for row, signal in enumerate(table.signals):
         if signal.kind not in (*MEASURED, Kind.STATUS):
@@ -48,7 +48,7 @@ def recorded_signals(table: Table) -> dict[int, SignalInfo]:
 
 
 class Recording:
-    """What a run gives to its record: every received sample, every change of the rig's state, and the run's events.
+    """Writer of a run's record: every received sample, every change of the rig's state, and the run's events.
 
     Thread-safe: samples come from the receiver's thread, events from the plan's.
     """
@@ -66,7 +66,7 @@ class Recording:
         self.failure = ""  #: why it was not kept whole, once it is closed
 
     def take(self, times: Instants, rows: Rows, values: Floats) -> None:
-        """Take samples as they come (ns, table rows, SI). Raises RecordError for a disk that failed meanwhile."""
+        """Record received samples (ns, table rows, SI). Raises RecordError if the disk has failed."""
         column = self._column[rows]
         reported = column >= 0  # with a lease, the rig's answer says again what the asker said
         places = self._watched[rows].nonzero()[0]
@@ -76,19 +76,19 @@ class Recording:
                 self._compare(times[places].tolist(), rows[places].tolist(), values[places].tolist())
 
     def event(self, time: int, kind: str, text: str, **data: Any) -> None:
-        """Keep an event of the run, after the samples that came before it. Raises RecordError as `take` does."""
+        """Record an event of the run after the samples that preceded it. Raises RecordError as `take` does."""
         with self._lock:
             self._recorder.event(time, kind, text, **data)
 
     def close(self) -> None:
-        """End the record; ``failure`` says if the disk failed."""
+        """Close the record; sets ``failure`` if the disk failed."""
         try:
             self._recorder.close()
         except RecordError as error:
             self.failure = str(error)
 
     def _compare(self, times: list[int], rows: list[int], values: list[float]) -> None:
-        """Report every change; the cause comes in the same frame as the state that it led to, and is reported first."""
+        """Report every change; the cause arrives in the same frame as the resulting state, and is reported first."""
         for time, row, value in sorted(
             zip(times, rows, values, strict=True), key=lambda one: (one[0], -one[1])
         ):
@@ -105,7 +105,7 @@ class Recording:
 
 
 def begin_recording(bench: Bench, directory: Path | str, meta: dict[str, Any]) -> Recording:
-    """Return the recording of a run that begins now; RecordError if there is a record in the directory that is open."""
+    """Return the recording of a run that begins now. Raises RecordError if the directory has an open record."""
     table, clock = bench.table, bench.clock
     signals = {
         row: one
@@ -123,7 +123,7 @@ def begin_recording(bench: Bench, directory: Path | str, meta: dict[str, Any]) -
 
 
 def keep_settings(run: Run, values: Mapping[str, float]) -> None:
-    """Record these settings from now on: numbers in SI, choices as their names."""
+    """Record settings that are in force from now on: numbers in SI, choices by name."""
     table = run.bench.table
     known = {name: value for name, value in values.items() if not isnan(value)}
     data = {

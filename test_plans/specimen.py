@@ -132,7 +132,7 @@ class Specimen:
     requirements: Mapping[str, str] = field(default_factory=dict)  #: by name of a check, or pattern of names
 
     def load(self, name: str) -> Load:
-        """Return a load case. SpecimenError if the file does not have it."""
+        """Return a load case. Raises SpecimenError if the file does not have it."""
         if name not in self.loads:
             raise SpecimenError(
                 f"specimen {self.file} has no load case {name}; it has {', '.join(self.loads)}"
@@ -155,7 +155,7 @@ class Specimen:
         return 2.0 * preload / (bare + sqrt(bare * bare + 4.0 * self.effective_area_growth * preload))
 
     def requirement(self, check: str) -> str:
-        """Return the requirement that a check verifies: by this file, or by the plan; "" if there is none."""
+        """Return the requirement that a check verifies, from this file or else from the plan; "" if there is none."""
         stated = (text for pattern, text in self.requirements.items() if fnmatchcase(check, pattern))
         return next(stated, check.requirement if isinstance(check, CheckName) else "")
 
@@ -185,7 +185,7 @@ def packaged() -> list[str]:
 def read_specimen(name: str | Path) -> Specimen:
     """Return the specimen of a TOML file, or the one that comes with the bench under this name.
 
-    SpecimenError, with file, key, value and unit, if the file cannot be read or has an invalid entry.
+    Raises SpecimenError, with file, key, value and unit, if the file cannot be read or has an invalid entry.
     """
     path = place_of(PACKAGE, name)
     try:
@@ -234,7 +234,7 @@ def _specimen(path: Path, sha256: str, content: Mapping[str, Any]) -> Specimen:
 
 
 def _drawing(table: Any) -> dict[str, float]:
-    """Return the properties of a drawing; those of `GROWTH` may be left out, both together."""
+    """Return the properties of a drawing; those of `GROWTH` are optional, but only together."""
     known = DRAWING | (GROWTH if GROWTH.keys() & as_table("properties", table) else {})
     return _values("properties", table, known)
 

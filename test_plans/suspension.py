@@ -34,11 +34,11 @@ class Suspension:
 
     @property
     def stopped_by(self) -> str:
-        """Name of the source that ends the run; "" if there is none."""
+        """Name of the source that ended the run; "" if there is none."""
         return self._stopped_by
 
     def stop(self, by: str) -> None:
-        """Set the source that ends the run, unless it is set already; called by a signal handler."""
+        """Store the source that ends the run, unless one is stored; called by a signal handler."""
         self._stopped_by = self._stopped_by or by
 
     @property
@@ -60,7 +60,7 @@ class Suspension:
         self._wanted_by = ""
 
     def toggle(self, by: str) -> None:
-        """Request, or resume."""
+        """Request a hold, or release it."""
         self._wanted_by = "" if self._wanted_by else by
 
     def hold(self, run: Asking, where: str, within: float) -> None:

@@ -1,8 +1,8 @@
-"""A track as a user measured it: how far rails lie next to the line that they should follow, by distance or by time.
+"""Measured tracks from tables: deviation of the rails from their nominal line, over distance or time.
 
 A table (CSV, Parquet, Arrow) with a column ``distance`` or ``time`` and some of ``vertical`` (up), ``lateral`` (to the
-left), ``cant`` (how much higher the left rail is) and ``roll`` (left side up), each with its unit in the head, such as
-``vertical [mm]``. Further columns are not read.
+left), ``cant`` (height of the left rail above the right) and ``roll`` (left side up), each with its unit in the head,
+such as ``vertical [mm]``. Further columns are ignored.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ GAP: Final = 4.0
 
 
 class NoTrack(ValueError):
-    """A file that is no track record; the text has file, column, line, value and what would be right."""
+    """A file is not a track record; the text has file, column, line, value and correction."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackRecord:
-    """A track: ``ways`` (m, rad; each (n,)) by the platform's reading, at ``places`` (n,) that rise.
+    """A track: ``ways`` (m, rad; each of shape (n,)) by the platform's reading, at increasing ``places`` (n,).
 
-    These are m of the line, or s where ``timed``. ``unread`` are the columns that were left out.
+    ``places`` are in m along the line, or in s if ``timed``. ``unread`` are the ignored columns.
     """
 
     name: str
@@ -62,14 +62,16 @@ class TrackRecord:
     unread: tuple[str, ...] = ()
 
     def times(self, speed: float) -> Samples:
-        """Return when a train of ``speed`` (m/s) is at each place (s), from 0 on; of a record by time, its times."""
+        """Return the time (s) from 0 on at which a train of ``speed`` (m/s) is at each place; for a record over time,
+        its times.
+        """
         return (self.places - self.places[0]) / (1.0 if self.timed else speed)
 
     def at(self, times: Samples, speed: float) -> dict[str, Samples]:
-        """Return the ways at even ``times`` (s, (n,)) under a train of ``speed`` (m/s), about their means.
+        """Return the ways at equally spaced ``times`` (s, (n,)) for a train of ``speed`` (m/s), about their means.
 
-        Straight lines join the rows, and the mean over one step counts, so that no wave shorter than two steps becomes
-        a longer one. Beyond its ends the outermost lines go on.
+        Rows are joined by straight lines and averaged over one step, so that no wave shorter than two steps appears as
+        a longer one. Beyond its ends the track continues the outermost lines.
         """
         when = self.times(speed)
         half = 0.5 * (times[1] - times[0])
@@ -85,7 +87,9 @@ class TrackRecord:
 
 
 def read_track(path: Path) -> TrackRecord:
-    """Return the track of a table. NoTrack for an invalid file: gaps, wrong units, places that do not rise."""
+    """Return the track of a table. Raises NoTrack for an invalid file: gaps, wrong units, or places that do not
+    increase.
+    """
     try:
         keys = FileKeys()
         sheet = _plainly_named(read_sheet(path, keys, [], Account()))
@@ -109,7 +113,7 @@ def read_track(path: Path) -> TrackRecord:
 
 
 def _plainly_named(sheet: Sheet) -> Sheet:
-    """Let columns be called without the unit that stands behind their name."""
+    """Move the unit behind each column's name to the column's unit, and make the name lower case."""
     for column in sheet.columns:
         if found := _NAMED.fullmatch(column.name):
             column.name = found["name"].lower()
@@ -126,7 +130,7 @@ def _clock(sheet: Sheet) -> str:
 
 
 def _column(sheet: Sheet, name: str, si: str) -> Samples:
-    """Return the numbers of a column (SI). NoTrack without a unit, with another one, or with cells that have none."""
+    """Return a column in SI. Raises NoTrack without a unit, with a wrong one, or for cells without a number."""
     index = sheet.place(name, str(sheet.path))
     column, where = sheet.columns[index], f"{sheet.path}: {name}"
     right = ", ".join(one for one in ("mm", "m", "km", "s", "ms", "mrad", "rad") if _factor(one, si))

@@ -1,7 +1,7 @@
-"""Stiffness and damping out of sampled motion and force: first harmonics, secants and loops.
+"""Computation of stiffness and damping from sampled motion and force: first harmonics, secants and loops.
 
-A harmonic motion is ``x(t) = Re(X e^{iωt})`` with the complex amplitude X. The complex stiffness is ``K = F/X``; its
-real part K' stores energy, its imaginary part K'' loses it: ``c = K''/ω``, and ``π K'' |X|²`` per cycle.
+A harmonic motion is ``x(t) = Re(X e^{iωt})`` with the complex amplitude X. The complex stiffness is ``K = F/X``. Its
+real part K' stores energy. Its imaginary part K'' dissipates ``π K'' |X|²`` per cycle; the damping is ``c = K''/ω``.
 """
 
 from __future__ import annotations
@@ -67,8 +67,8 @@ class Stiffness:
 def first_harmonic(times: Samples, values: Samples, frequency: float) -> complex:
     """Return the complex amplitude of ``values`` at ``frequency`` (Hz): least squares on 1, t, cos ωt and sin ωt.
 
-    The column t takes a slow drift (cooling gas) out, which a plain Fourier coefficient would read as a harmonic.
-    ``times`` (s) and ``values`` have the shape (n,). NotMeasured with gaps (NaN), or less than one whole cycle.
+    The column t removes a slow drift (cooling gas), which would falsify a plain Fourier coefficient. ``times`` (s) and
+    ``values`` have the shape (n,). Raises NotMeasured for gaps (NaN), or if there is less than one whole cycle.
     """
     if times.shape != values.shape or times.ndim != 1:
         raise NotMeasured(f"{times.shape} times and {values.shape} values do not belong together")
@@ -85,11 +85,12 @@ def first_harmonic(times: Samples, values: Samples, frequency: float) -> complex
 
 
 def distortion(times: Samples, motion: Samples, frequency: float, wave: Wave = "sine") -> float:
-    """Return how much of ``motion`` is no ``wave`` of ``frequency`` (Hz): what line and wave leave, over the wave, rms.
+    """Return the deviation of ``motion`` from a ``wave`` of ``frequency`` (Hz): rms of the residual over rms of the
+    wave.
 
-    Noise of a sensor makes 0.3 % of 5 mm. Several per cent are set-points that came late, or an actuator that stands
-    still between them: what a spring answers to a sudden halt is in its first harmonic and in its secant too, and is
-    not its stiffness at this frequency.
+    The residual is that of a fit of a line and the wave. The noise of a sensor gives 0.3 % at 5 mm. Several per cent
+    come from late set-points, or from an actuator that stops between them. The response of a spring to such stops is
+    part of its first harmonic and of its secant, but not of its stiffness at this frequency.
     """
     amplitude = first_harmonic(times, motion, frequency)
     if abs(amplitude) == 0.0:
@@ -104,14 +105,14 @@ def distortion(times: Samples, motion: Samples, frequency: float, wave: Wave = "
 
 
 def _fit(times: Samples, motion: Samples, phase: Samples, wave: Wave) -> tuple[Samples, Samples]:
-    """Return the factors of 1, t, the wave and its slope in ``motion``, and the residual."""
+    """Return the coefficients of 1, t, the wave and its slope in ``motion``, and the residual."""
     columns = np.column_stack([np.ones_like(times), times - times.mean(), *_shape(phase, wave)])
     found, *_ = np.linalg.lstsq(columns, motion)
     return found, motion - columns @ found
 
 
 def _shape(phase: Samples, wave: Wave) -> tuple[Samples, Samples]:
-    """Return a wave of amplitude 1 at each ``phase`` (rad), and its slope."""
+    """Return a wave of amplitude 1 at each ``phase`` (rad), and its slope over the phase."""
     if wave == "triangle":
         return np.arcsin(np.cos(phase)) * 2 / pi, -np.sign(np.sin(phase)) * 2 / pi
     return np.cos(phase), -np.sin(phase)
@@ -119,9 +120,11 @@ def _shape(phase: Samples, wave: Wave) -> tuple[Samples, Samples]:
 
 @lru_cache(maxsize=16)
 def _harmonic_rows(times: bytes, frequency: float) -> Samples:
-    """Return the rows, shape (2, n), that make the factors of cos ωt and sin ωt of samples at ``times`` (s).
+    """Return two rows of a pseudo-inverse, shape (2, n), which give the coefficients of cos ωt and sin ωt at ``times``
+    (s).
 
-    Two of the pseudo-inverse, which is most of the work. An uncertainty asks for the same ones a hundred times over.
+    They are cached: the pseudo-inverse is most of the computing time, and an uncertainty needs the same rows a hundred
+    times.
     """
     t = np.frombuffer(times)
     columns = np.column_stack(
@@ -133,9 +136,10 @@ def _harmonic_rows(times: bytes, frequency: float) -> Samples:
 def one_cycle(
     times: Samples, values: Samples, frequency: float, *, harmonics: int = 7, points: int = 100
 ) -> Samples:
-    """Return the mean cycle of ``values`` at ``points`` even phases from time 0 on, without noise and drift.
+    """Return the mean cycle of ``values`` at ``points`` equally spaced phases from time 0 on, without noise and drift.
 
-    Least squares on 1, t and the first ``harmonics`` of ``frequency`` (Hz). NotMeasured with gaps or too few samples.
+    Least squares on 1, t and the first ``harmonics`` of ``frequency`` (Hz). Raises NotMeasured for gaps, or if there
+    are too few samples.
     """
     orders = np.arange(1, harmonics + 1)
     if times.size < 2 * (2 * harmonics + 2) or not np.isfinite(values).all():
@@ -151,12 +155,12 @@ def one_cycle(
 
 
 def without_lag(amplitude: complex, lag: float, frequency: float) -> complex:
-    """Return the amplitude of what a sensor of first order saw, from that of its reading: ``X (1 + iωτ)``."""
+    """Return the amplitude at the input of a first-order sensor, from the amplitude of its reading: ``X (1 + iωτ)``."""
     return amplitude * (1 + 1j * tau * frequency * lag)
 
 
 def straight_line(times: Samples, values: Samples) -> tuple[float, float]:
-    """Return level (in the middle of the samples) and slope (per s) of the line through them; NaN is left out."""
+    """Return level (in the middle of the samples) and slope (per s) of the fitted line; NaN is ignored."""
     good = np.isfinite(values)
     if not good.all():
         times, values = times[good], values[good]
@@ -183,9 +187,9 @@ def dynamic_stiffness(
     *,
     lags: tuple[float, float] = (0.0, 0.0),
 ) -> Stiffness:
-    """Return K = F/X of the first harmonics; ``force`` (N) grows with ``motion`` (m) in a spring.
+    """Return the stiffness K = F/X from first harmonics; the force (N) of a spring increases with ``motion`` (m).
 
-    ``lags`` (s) are those of the sensors of motion and force; each reading is corrected by its own.
+    ``lags`` (s) are those of the sensors of motion and force; each reading is corrected for its own.
     """
     X, F = (
         without_lag(first_harmonic(times, read, frequency), lag, frequency)
@@ -197,9 +201,9 @@ def dynamic_stiffness(
 
 
 def without_drift(motion: Samples, force: Samples) -> Samples:
-    """Return ``force`` over a loop that ends where it began, less the straight line that joins both ends.
+    """Return ``force`` over a loop that ends at its start, without the line that joins both ends.
 
-    Back at the same place, a spring with settled friction has the same force; what differs has drifted.
+    At the same position a spring with settled friction has the same force, so the difference is drift.
     """
     edge = TURNING * (motion.max() - motion.min())
     if abs(motion[-1] - motion[0]) > edge:
@@ -226,7 +230,9 @@ def secant_stiffness(motion: Samples, force: Samples) -> float:
 
 
 def loop_energy(motion: Samples, force: Samples) -> float:
-    """Return ∮F dx (J) over one closed loop, positive where energy is lost; the last point joins the first."""
+    """Return ∮F dx (J) over a closed loop, positive for dissipation; the loop is closed from the last point to the
+    first.
+    """
     return float(0.5 * np.sum((force + np.roll(force, -1)) * (np.roll(motion, -1) - motion)))
 
 
@@ -239,10 +245,11 @@ def whole_cycles(
     count: int,
     frequency: float,
 ) -> npt.NDArray[np.bool_]:
-    """Return which samples belong to ``count`` whole cycles from the beginning of cycle ``first`` on.
+    """Return which samples belong to ``count`` whole cycles from the start of cycle ``first`` on.
 
-    ``cycle`` is the generator's own count of completed cycles, as sampled, and ``running`` says when it runs: before,
-    the count is that of the program before. NotMeasured if it never got there, or the samples end too early.
+    ``cycle`` is the sampled number of cycles that the generator has completed. ``running`` states when it runs: before,
+    ``cycle`` belongs to the previous program. Raises NotMeasured if the generator never completed ``first`` cycles, or
+    if the samples end too early.
     """
     begun = np.flatnonzero(running & (cycle >= first))
     if begun.size == 0:
@@ -258,9 +265,9 @@ def whole_cycles(
 
 
 def without_inertia(force: complex, motion: complex, mass: float, frequency: float) -> complex:
-    """Return the amplitude of the spring's force from that of the actuator's: F_spring = F_act − m ẍ.
+    """Return the amplitude of the spring's force from that of the actuator's force: F_spring = F_act − m ẍ.
 
-    ``force`` (N) and ``motion`` (m) count in the same direction; ẍ = −ω² x.
+    ``force`` (N) and ``motion`` (m) have the same positive direction; ẍ = −ω² x.
     """
     return force + mass * (tau * frequency) ** 2 * motion
 
@@ -278,5 +285,5 @@ GENERATOR: Final = ("rig.program", "rig.generator_cycle")
 def harmonic(
     rig: Mapping[str, float], times: Samples, series: Samples, frequency: float, *signals: str
 ) -> complex:
-    """Return the first harmonic of a ``series`` that was computed of these ``signals``, free of their mean lag."""
+    """Return the first harmonic of a ``series`` computed from these ``signals``, corrected for their mean lag."""
     return without_lag(first_harmonic(times, series, frequency), lag_of(rig, *signals), frequency)

@@ -1,4 +1,4 @@
-"""Forces and moments on the bolster from the load cells, by the position and direction of each cell.
+"""Forces and moments on the bolster from the load cells, computed with the position and direction of each cell.
 
 ``rig`` gives the dimensions (SI) by their names, as a `description.Description` does.
 """
@@ -55,7 +55,9 @@ SOME: Final = 0.05
 
 
 def wrench(values: Mapping[str, Any], rig: Rig) -> tuple[Samples, ...]:
-    """Return the `PARTS` of the wrench on the bolster by springs and bump stop (N, N·m), by all cells in ``values``."""
+    """Return the `PARTS` of the wrench that springs and bump stop exert on the bolster (N, N·m), from the cells in
+    ``values``.
+    """
     columns = {cell: column_of(rig, cell) for cell in cells_in(values)}
     return tuple(
         np.asarray(sum(column[part] * np.asarray(values[cell]) for cell, column in columns.items()))
@@ -66,7 +68,8 @@ def wrench(values: Mapping[str, Any], rig: Rig) -> tuple[Samples, ...]:
 def unseen(rig: Rig, cells: Iterable[str] | None = None) -> tuple[str, ...]:
     """Return the `PARTS` of a wrench that these ``cells`` (default: all described cells) cannot measure.
 
-    A guide, or the transverse stiffness of the cells, carries these parts: Aᵀn = 0 for a wrench n of that part.
+    These parts are carried by a guide, or by the transverse stiffness of the cells: Aᵀn = 0 for a wrench n of that
+    part.
     """
     columns = [column_of(rig, cell) for cell in (described(rig) if cells is None else cells)]
     if not columns:
@@ -80,7 +83,7 @@ def unseen(rig: Rig, cells: Iterable[str] | None = None) -> tuple[str, ...]:
 def ahead_of(values: Mapping[str, Any], rig: Rig, force: str) -> tuple[Samples, Samples]:
     """Return a force on the bolster (N), upward or sideways, and its moment (N·m) about the middle.
 
-    Their ratio is how far ahead it acts: M_y = −x F_z and M_z = x F_y.
+    Their ratio gives the longitudinal position x of the force: M_y = −x F_z and M_z = x F_y.
     """
     told = dict(zip(PARTS, wrench(values, rig), strict=True))
     moment = -told["pitch moment"] if force == "force upward" else told["yaw moment"]
@@ -88,7 +91,7 @@ def ahead_of(values: Mapping[str, Any], rig: Rig, force: str) -> tuple[Samples, 
 
 
 def against_each_other(values: Mapping[str, Any], rig: Rig) -> dict[str, Samples]:
-    """Return the part of the reading (N) of each cell in ``values`` that has no resultant: An = 0 for such readings n.
+    """Return the part of each reading in ``values`` (N) that has no resultant: An = 0 for such readings n.
 
     With four upright cells this is a twist, caused by a support that yields or is not in the plane of the others.
     """
@@ -101,7 +104,7 @@ def against_each_other(values: Mapping[str, Any], rig: Rig) -> dict[str, Samples
 
 
 def cells_in(values: Mapping[str, object]) -> tuple[str, ...]:
-    """Return the load cells with an entry in ``values``; the entries are not read."""
+    """Return the load cells with an entry in ``values``; the entries themselves are not used."""
     there = frozenset(values)
     return tuple(cell for cell in LOAD_CELLS if cell in there)
 
@@ -118,7 +121,7 @@ def _is_described(rig: Rig, cell: str) -> bool:
 
 @once_for_a_rig
 def bearing(rig: Rig, least: float = NOTHING) -> tuple[str, ...]:
-    """Return the load cells that carry more than the share ``least`` of an upright force; these must be read.
+    """Return the load cells that carry more than the share ``least`` of an upright force.
 
     Without stated directions these are the upright cells.
     """
@@ -127,7 +130,7 @@ def bearing(rig: Rig, least: float = NOTHING) -> tuple[str, ...]:
 
 @once_for_a_rig
 def guiding(rig: Rig, least: float = NOTHING) -> tuple[str, ...]:
-    """Return the load cells that a lateral force loads; without stated directions the cells across."""
+    """Return the load cells that a lateral force loads; without stated directions the lateral cells."""
     return _pointing(rig, 1, least) or SHEAR_CELLS
 
 
@@ -141,17 +144,17 @@ def _pointing(rig: Rig, way: int, least: float) -> tuple[str, ...]:
 
 
 def upward_force(values: Mapping[str, Any], rig: Rig) -> Samples:
-    """Return the upward force of springs and bump stop on the bolster (N), by all cells in ``values``."""
+    """Return the upward force of springs and bump stop on the bolster (N), from all cells in ``values``."""
     return _sum(rig, values, lambda cell: pointing(rig, cell)[2], bearing(rig, SOME))
 
 
 def sideways_force(values: Mapping[str, Any], rig: Rig) -> Samples:
-    """Return the force of springs and bump stop on the bolster to the left (N), by all cells in ``values``."""
+    """Return the force of springs and bump stop on the bolster to the left (N), from all cells in ``values``."""
     return _sum(rig, values, lambda cell: pointing(rig, cell)[1], guiding(rig, SOME))
 
 
 def cell_moment(values: Mapping[str, Any], rig: Rig) -> Samples:
-    """Return the moment against the roll (N·m), by all cells in ``values``."""
+    """Return the moment against the roll (N·m), from all cells in ``values``."""
     return -_sum(rig, values, lambda cell: rolling(rig, cell), bearing(rig, SOME))
 
 
@@ -187,7 +190,7 @@ def cells_under(rig: Rig, side: str) -> tuple[str, ...]:
 
 
 def load_on(values: Mapping[str, Any], rig: Rig, side: str) -> Samples:
-    """Return the force on one spring (N, downward), by all cells in ``values``."""
+    """Return the force on one spring (N, downward), from all cells in ``values``."""
     return _sum(rig, values, lambda cell: _share_of_cell(rig, side, cell), cells_under(rig, side))
 
 

@@ -1,8 +1,8 @@
-"""Where to put the actuators of a bench, and what its readings say about the springs, by the rig's dimensions.
+"""Positions of the actuators for a pose, and displacements and forces of the springs from readings.
 
-Bolster and platform turn about their own axes, φ_B and φ_P. The springs are sheared by
-``y = y_B + e φ_B − y_P + h φ_P`` and rolled by ``θ = φ_B − φ_P``; the bump stop looks at ``y_B − y_P`` alone. Bolster
-and platform tilted together shear the springs further than the bump stop allows the bolster alone.
+Bolster and platform turn about their own axes, φ_B and φ_P. The shear of the springs is ``y = y_B + e φ_B − y_P + h
+φ_P`` and their roll ``θ = φ_B − φ_P``. The travel at the bump stop is ``y_B − y_P``. So bolster and platform together,
+when tilted, shear the springs further than the bump stop allows the bolster alone.
 
 ``rig`` gives the dimensions (SI) by their names, as a `description.Description` does.
 """
@@ -32,18 +32,20 @@ PLACING: Final = (*SEEING, *ACTUATORS, "stop_gap")
 
 
 def bolster_weight(rig: Rig) -> float:
-    """Return it in N: the bolster hangs on the actuators or rests on both springs, and is part of the preload."""
+    """Return the weight of the bolster (N); it hangs on the actuators or rests on both springs as part of the
+    preload.
+    """
     return rig["bolster_mass"] * rig["gravity"]
 
 
 def stop_travel_max(rig: Rig) -> float:
-    """Return how far (m) the bolster goes toward the bump stop in a pose."""
+    """Return the largest travel of the bolster toward the bump stop in a pose (m)."""
     return rig["stop_gap"] - STOP_ROOM
 
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """Where bolster and platform stand (m, rad), seen from bolster and platform level and in the middle."""
+    """Positions of bolster and platform (m, rad), zero when both are level and in the middle."""
 
     lateral: float  #: displacement of the lateral actuator
     bolster_roll: float
@@ -51,7 +53,9 @@ class Pose:
 
 
 def pose(rig: Rig, shear: float, roll: float = 0.0) -> Pose:
-    """Return how the springs are sheared by ``shear`` (m) and rolled by ``roll`` (rad) clear of the bump stop."""
+    """Return the pose that shears the springs by ``shear`` (m) and rolls them by ``roll`` (rad) clear of the bump
+    stop.
+    """
     centre = rig["centre_height"]
     travel = copysign(min(abs(shear), stop_travel_max(rig)), shear)
     platform = (shear - travel - centre * roll) / (centre + rig["column_height"])
@@ -60,7 +64,7 @@ def pose(rig: Rig, shear: float, roll: float = 0.0) -> Pose:
 
 
 def lifted(rig: Rig, roll: float) -> dict[str, float]:
-    """Return how far each vertical actuator goes up (m) when the bolster rolls by ``roll`` (rad), by its name."""
+    """Return the upward travel (m) of each vertical actuator when the bolster rolls by ``roll`` (rad), by actuator."""
     return {f"vertical_{side}": rig[across(f"vertical_{side}")] * roll for side in SIDES}
 
 
@@ -74,25 +78,29 @@ POSE_SIGNALS: Final = (
 
 
 def roll_of(values: Mapping[str, Any], rig: Rig) -> Samples:
-    """Roll θ of the bolster against the platform (rad), from the lasers."""
+    """Return the roll θ of the bolster against the platform (rad), from the lasers."""
     left, right = (rig[one] for one in LASERS)
     return np.asarray((values["left.height"] - values["right.height"]) / (left - right))
 
 
 def height_of_spring(values: Mapping[str, Samples], rig: Rig, side: str) -> Samples:
-    """Return the height of a spring (m): what its laser sees where that stands, and the roll between both."""
+    """Return the height of a spring (m), from the reading of its laser and the roll."""
     return height_at(values, rig, side, rig["spring_half_spacing"] * (1.0 if side == "left" else -1.0))
 
 
 def height_at(values: Mapping[str, Samples], rig: Rig, side: str, place: float) -> Samples:
-    """Return the height (m) that a side's laser would see at a ``place`` to the left of the middle (m)."""
+    """Return the height (m) that the laser of a side would measure at ``place``, a distance to the left of the middle
+    (m).
+    """
     seen, beside = values[f"{side}.height"], place - rig[across(f"{side}.height")]
     both = all(f"{one}.height" in values for one in SIDES)
     return seen + beside * roll_of(values, rig) if beside and both else seen
 
 
 def shear_of(values: Mapping[str, Any], rig: Rig) -> Samples:
-    """Lateral displacement y of the top plates against the platform (m); the frame gives way by its force."""
+    """Return the lateral displacement y of the top plates against the platform (m), corrected for the frame's
+    deflection.
+    """
     bolster_roll = roll_of(values, rig) + values["platform.roll"]
     pinned = values["lateral.displacement"] - values["lateral.force"] / rig["lateral_frame_stiffness"]
     return np.asarray(
@@ -111,7 +119,7 @@ def stop_travel_of(values: Mapping[str, Any], rig: Rig) -> Samples:
 
 
 def share_of_spring(rig: Rig, side: str, force: float, moment: float) -> float:
-    """Return which share of a force one spring bears that makes a ``moment`` (m): F = ΣF_k/2 ± M_x/(2b)."""
+    """Return the force on one spring under a ``force`` with a ``moment``: F = F_z/2 ± M_x/(2b)."""
     return 0.5 * force + (0.5 if side == "left" else -0.5) * moment / rig["spring_half_spacing"]
 
 
@@ -122,7 +130,7 @@ def pressed_on(values: Mapping[str, Samples], rig: Rig, side: str) -> Samples:
 
 
 def actuator_moment(values: Mapping[str, Samples], rig: Rig) -> Samples:
-    """Return the moment against the roll (N·m) that the vertical actuators make."""
+    """Return the moment of the vertical actuators against the roll (N·m)."""
     return np.asarray(
         -sum(rig[across(f"vertical_{side}")] * values[f"vertical_{side}.force"] for side in SIDES)
     )
@@ -130,7 +138,7 @@ def actuator_moment(values: Mapping[str, Samples], rig: Rig) -> Samples:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """The load of one actuator (or a pair), and the gear between actuator and load: all from the data sheets."""
+    """The load of one actuator (or a pair), and the transmission between actuator and load, from the data sheets."""
 
     mass: float  #: kg per actuator
     frame: float  #: N/m
@@ -141,10 +149,10 @@ class Drive:
     speed: float  #: m/s
 
     def command(self, amplitude: float, frequency: float, force: float) -> float:
-        """Return the amplitude (m) to ask for so that the bolster moves by ``amplitude``, or by as much as it can.
+        """Return the command amplitude (m) that moves the bolster by ``amplitude``, or as far as possible.
 
-        ``force`` (N) is what the actuator has left for it. At 25 Hz the piston follows with 0.7 of its command, and
-        the bolster on the frame answers with more: both are undone here.
+        ``force`` (N) is the force that the actuator has left for the motion. At 25 Hz the piston reaches 0.7 of its
+        command, and resonance of the frame enlarges the motion of the bolster; the result is corrected for both.
         """
         omega = tau * frequency
         frame = complex(self.frame, omega * self.frame_damping)
@@ -169,7 +177,7 @@ DRIVEN: Final = (
 
 
 def drive(rig: Rig, way: str, stiffness: float) -> Drive:
-    """Return what an actuator drives, ``vertical`` (one of two) or ``lateral``, against springs of ``stiffness``."""
+    """Return the `Drive` of an actuator, ``vertical`` (one of two) or ``lateral``, with springs of ``stiffness``."""
     return Drive(
         rig["bolster_mass"] / (2 if way == "vertical" else 1),
         rig[f"{way}_frame_stiffness"],

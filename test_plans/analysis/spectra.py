@@ -17,7 +17,7 @@ SIGMAS_OF_95: Final = 1.96
 
 @dataclass(frozen=True, slots=True)
 class Transfer:
-    """A transfer function y/x at one frequency, or over a band of them, with its coherence."""
+    """A transfer function y/x at one frequency or over a band, with its coherence."""
 
     frequency: float  #: Hz, the middle
     value: complex
@@ -26,9 +26,9 @@ class Transfer:
 
     @property
     def uncertainty(self) -> float:
-        """The standard uncertainty of real and imaginary part, in units of the value.
+        """The standard uncertainty of real and imaginary part, in the unit of the value.
 
-        |H| √((1 − γ²)/(2 n γ²)): what is not coherent is taken for noise (Bendat and Piersol, Random Data, 9.2).
+        |H| √((1 − γ²)/(2 n γ²)): the incoherent part counts as noise (Bendat and Piersol, Random Data, 9.2).
         """
         return float(
             abs(self.value) * np.sqrt((1.0 - self.coherence) / (2.0 * self.averages * self.coherence))
@@ -37,7 +37,7 @@ class Transfer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spectra:
-    """Cross and power spectra of two signals, each (n,), one-sided."""
+    """One-sided cross and power spectra of two signals, each of shape (n,)."""
 
     frequency: Samples  #: Hz
     xx: Samples
@@ -46,7 +46,7 @@ class Spectra:
     averages: float
 
     def between(self, low: float, high: float) -> Transfer:
-        """Return y/x over a band (Hz): the least squares of all its lines, H = Σ S_xy / Σ S_xx."""
+        """Return y/x over a band (Hz): least squares over all its lines, H = Σ S_xy / Σ S_xx."""
         lines = (self.frequency >= low) & (self.frequency <= high)
         xx, yy, xy = self.xx[lines].sum(), self.yy[lines].sum(), self.xy[lines].sum()
         if not (xx > 0.0 and yy > 0.0):
@@ -60,10 +60,10 @@ class Spectra:
 def spectra(
     x: Samples, y: Samples, rate: float, *, segment: float, x_lag: float = 0.0, y_lag: float = 0.0
 ) -> Spectra:
-    """Return the spectra of ``x`` and ``y`` (n,), sampled with ``rate`` (Hz), by Welch's method.
+    """Return the spectra of ``x`` and ``y``, shape (n,), sampled at ``rate`` (Hz), by Welch's method.
 
-    ``segment`` (s) sets the resolution; segments overlap by half. The lags (s) are those of transducers of first order.
-    NotMeasured with gaps, or less than two segments.
+    ``segment`` (s) sets the resolution; segments overlap by half. The lags (s) are those of first-order transducers.
+    Raises NotMeasured for gaps, or if there are less than two segments.
     """
     from scipy.signal import detrend, get_window
 

@@ -118,10 +118,10 @@ ROLLED: Final = CheckName(
 def excitation(
     rig: Rig, wind: float, kind: Wind, amplitude: float, frequency: float, draw: int
 ) -> tuple[Samples, dict[str, Samples], tuple[float, float]]:
-    """Return times (s), what wind and track add to each set-point (SI), and from when to when the track moves.
+    """Return times (s), the contribution of wind and track to each set-point (SI), and start and end of the track.
 
-    The wind comes within 4 s, stays, and goes again. While it stays, the platform follows the paper's equation (24),
-    z = a (1 − cos ωt)/2, up and sideways.
+    The wind rises within 4 s, stays constant, and falls again. During the constant part the platform follows equation
+    (24) of the paper, z = a (1 − cos ωt)/2, upward and sideways.
     """
     cycles = ceil(TRACK_LASTS * frequency)
     track = cycles / frequency
@@ -135,7 +135,7 @@ def excitation(
 
 
 def _wind(times: Samples, wind: float, kind: Wind, draw: int) -> Samples:
-    """Return the wind (m/s) whose mean is ``wind``."""
+    """Return the wind (m/s) with the mean ``wind``."""
     if kind == "gust":
         return gust(GUST_FACTOR * wind, TRAIN_SPEED, times, 0.5 * float(times[-1]))
     if kind == "stochastic":
@@ -148,8 +148,7 @@ def _wind(times: Samples, wind: float, kind: Wind, draw: int) -> Samples:
 def programme(rig: Rig, wind: float, amplitude: float, frequency: float) -> tuple[Wave, ...]:
     """Return a steady wind and the track of `excitation` as waves of a function generator, which start together.
 
-    The wind's plateau rises, stays, and goes in as long; of whole cycles, as a generator has them, its rise is the one
-    at or below 4 s.
+    Rise, plateau and fall of the wind consist of whole cycles, as a generator requires, so its rise takes at most 4 s.
     """
     cycles = ceil(TRACK_LASTS * frequency)
     track = cycles / frequency
@@ -217,7 +216,7 @@ def _strongest_wind(travel: Callable[[float], float], room: float) -> float | No
 
 
 def foreseen_travel(rig: Rig, load: Load, asked: Mapping[str, Any], wind: float) -> float:
-    """Return how far (m) the softest springs within their limits allow the bolster to move toward its bump stop.
+    """Return the travel of the bolster toward its bump stop (m) for the softest springs within the limits.
 
     ``asked`` are the values of the plan's parameters.
     """
@@ -231,7 +230,9 @@ def foreseen_travel(rig: Rig, load: Load, asked: Mapping[str, Any], wind: float)
 
 
 def take_up(load: str) -> Callable[..., None]:
-    """Return the set-up: the springs carry the load at the asked pressure, shut in and connected, the bolster free."""
+    """Return the set-up: springs that carry the load at the requested pressure, shut and connected, with a free
+    bolster.
+    """
 
     def set_up(run: Run, pressure: float, roll: float) -> None:
         around = run.specimen.load(load)
@@ -249,7 +250,8 @@ def take_up(load: str) -> Callable[..., None]:
 def _roll(run: Run, load: Load, force: float, roll: float) -> None:
     """Load the two sides unequally until the bolster rolls by ``roll`` (rad).
 
-    Springs soften with roll: from half of what the specimen's file foresees on, each step stays below the roll.
+    Springs soften with roll, so the first step applies half of the moment computed from the specimen's limits; each
+    step stays below the roll.
     """
     left, right = (run.rig[one] for one in ACTUATORS)
     more = -0.5 * roll * middle(load.limits.band("roll_stiffness")) / (left - right)
@@ -316,7 +318,7 @@ def _crosswind_and_track(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """When samples were taken (s, since the wind began), and when the track moved at which frequency (Hz)."""
+    """Times of the samples (s, from the start of the wind), start and end of the track, and its frequency (Hz)."""
 
     at: Samples
     between: tuple[float, float]
@@ -324,17 +326,19 @@ class Seen:
 
     @property
     def shaken(self) -> npt.NDArray[np.bool_]:
-        """Which samples belong to whole cycles that have swung in."""
+        """Which samples belong to whole cycles after the transient."""
         lead = ceil(LEAD * self.frequency) / self.frequency
         return np.asarray((self.at >= self.between[0] + lead) & (self.at < self.between[1]))
 
     @property
     def calm(self) -> npt.NDArray[np.bool_]:
-        """Which belong to the second before the wind."""
+        """Which samples belong to the second before the wind."""
         return np.asarray((self.at >= -1 * s) & (self.at < 0.0))
 
     def pieces(self) -> Iterator[npt.NDArray[np.bool_]]:
-        """Yield which samples belong to each of some pieces of whole cycles, which end with the track."""
+        """Yield which samples belong to each piece of whole cycles, from the piece that ends with the track
+        backward.
+        """
         times = self.at[self.shaken]
         length = floor((self.between[1] - times[0]) * self.frequency / PIECES + 1e-6) / self.frequency
         for k in range(PIECES):
@@ -357,7 +361,7 @@ class Seen:
         return Stiffness(force / moved, self.frequency, abs(moved))
 
     def leaning(self, rig: Rig, values: Values) -> tuple[float, float]:
-        """Return what the wind made of roll (rad) and roll torque (N·m), the means while the track moves."""
+        """Return the roll (rad) and roll torque (N·m) due to the wind, as means during the motion of the track."""
         roll, torque = (
             float(one[self.shaken].mean() - one[self.calm].mean())
             for one in (roll_of(values, rig), roll_torque(values, rig))
@@ -366,9 +370,10 @@ class Seen:
 
 
 def roll_torque(values: Values, rig: Rig) -> Samples:
-    """Return the moment (N·m) about the middle between the top plates that the springs oppose, by the actuators.
+    """Return the moment (N·m) of the springs about the middle between the top plates, from the actuators.
 
-    The vertical ones make one, the lateral one pushes above the plates, and the weight of a rolled bolster leans over.
+    It consists of the moment of the vertical actuators, that of the lateral actuator above the plates, and that of the
+    weight of the rolled bolster.
     """
     above = rig["centre_height"] + rig["lateral_actuator_height"]
     roll = roll_of(values, rig) + values["platform.roll"]
@@ -377,7 +382,7 @@ def roll_torque(values: Values, rig: Rig) -> Samples:
 
 
 def _judge(run: Run, load: Load, seen: Seen, values: Values, rolled: float) -> None:
-    """Check what the springs did, ``rolled`` (rad) by unequal preload, and keep their loops."""
+    """Check the response of the springs, which unequal preload rolled by ``rolled`` (rad), and record their loops."""
     if not all(np.isfinite(values[name][seen.shaken | seen.calm]).all() for name in READ):
         raise NotMeasured("samples of wind and track are missing")
     travel = run.measured(_travel, run.rig, values)
@@ -462,13 +467,13 @@ def _judge_roll(
 
 
 def _travel(rig: Rig, values: Values) -> float:
-    """Return how far the bolster was from the middle at the most (m), without the noise of a sample."""
+    """Return the largest travel of the bolster from the middle (m): the 99.5th percentile, because of noise."""
     way = stop_travel_of(values, rig) - values["platform.lateral"]
     return float(np.percentile(np.abs(way), 99.5))
 
 
 def _unstated(load: Load, K: Stiffness) -> str:
-    """Return why the specimen states no limits for the amplitude of ``K``; "" if it does."""
+    """Return a text why the specimen has no limits for the amplitude of ``K``; "" if it has."""
     places = load.limits.curve("crosswind_and_track.stiffness", "kN/m")
     if min(places) <= K.amplitude <= max(places):
         return ""
@@ -484,7 +489,7 @@ def _limits(load: Load, name: str, K: Stiffness) -> tuple[float, float]:
 
 
 def middle(band: Band) -> float:
-    """Return what lies in the middle of limits."""
+    """Return the middle of the limits."""
     return 0.5 * ((band.low or 0.0) + (band.high or 0.0))
 
 

@@ -114,7 +114,7 @@ SETTLES: Final = CheckName(
 
 
 def blow(wind: float, train_speed: float) -> tuple[Samples, Samples]:
-    """Return the force on the bogie (N) over time (s) of a gust up to ``wind`` and of the mean wind around it (m/s)."""
+    """Return times (s) and the force on the bogie (N) in a gust up to ``wind`` (m/s) with the mean wind around it."""
     times = np.linspace(0.0, LASTS, round(LASTS / STEP) + 1)
     return times, fade(times) * side_force(gust(wind, train_speed, times, MIDDLE), train_speed)
 
@@ -125,7 +125,7 @@ def strongest(wind: float, train_speed: float) -> float:
 
 
 def passes(train_speed: float) -> float:
-    """Return how long after its middle (s) a gust has fallen to `SETTLED` of what it adds to the mean wind."""
+    """Return the time after its middle (s) at which a gust has fallen to `SETTLED` of its excess over the mean wind."""
     times = np.linspace(0.0, MEAN, round(MEAN / STEP) + 1)
     more = gust(1.0, train_speed, times, 0.0)
     more -= 1.0 / GUST_FACTOR
@@ -133,13 +133,13 @@ def passes(train_speed: float) -> float:
 
 
 def holds(run: Run, load: str) -> float:
-    """Return the force (N) that brings the softest springs within the limits of the file to the bump stop."""
+    """Return the force (N) that moves the softest springs within the limits to the bump stop."""
     soft = run.specimen.load(load).limits.curve("crosswind_gust.stiffness", "kN/m")
     return (soft[max(soft)].low or 0.0) * run.rig["stop_gap"]
 
 
 def take_up(run: Run, load: str, wind: float, train_speed: float) -> None:
-    """Refuse a gust that reaches the bump stop; put the load on the springs, shut them, and release the bolster."""
+    """Refuse a gust that reaches the bump stop; load and shut the springs, and release the bolster."""
     most, held = strongest(wind, train_speed), holds(run, load)
     if most > held:
         raise ParameterRefused(
@@ -214,7 +214,7 @@ def crosswind_gust(
 def _judge(
     run: Run, load: str, wind: float, train_speed: float, at: Samples, values: Mapping[str, Samples]
 ) -> None:
-    """Check what the springs did ``at`` times since the wind began (s), and keep it."""
+    """Check and record the response of the springs at times ``at`` since the start of the wind (s)."""
     limits = run.specimen.load(load).limits
     area = run.specimen.effective_area
     y, roll, pushed, parted = _answer(at, run.rig, values)
@@ -288,7 +288,7 @@ def _numbers(at: Samples, area: float, rig: Rig, values: Mapping[str, Samples]) 
 
 
 def _settling(at: Samples, y: Samples) -> float:
-    """Return how long after the middle of the gust (s) the shear stays where the mean wind holds it."""
+    """Return the time after the middle of the gust (s) until the shear stays at its value under the mean wind."""
     blown = y[_during(at, MIDDLE + MEAN - SMOOTH)].mean()
     unsettled = np.abs(y - blown) > SETTLED * (y.max() - blown)
     return float(at[np.flatnonzero(unsettled & (at < MIDDLE + MEAN))[-1]] - MIDDLE)
@@ -300,5 +300,5 @@ def _during(at: Samples, start: float) -> npt.NDArray[np.bool_]:
 
 
 def _smooth(series: Samples) -> Samples:
-    """Return means over 50 ms: no gust is so short, and every noise."""
+    """Return means over 50 ms, which remove noise but no gust."""
     return np.convolve(series, np.full(NOISE, 1 / NOISE), mode="same")

@@ -90,7 +90,9 @@ def differential_pressure_valve(
 
 
 def _extremes(way: float, rest: Mapping[str, float], values: Mapping[str, Samples]) -> tuple[float, float]:
-    """Return the largest difference of the pressures (Pa) and the smallest after an opening, zeroed at rest."""
+    """Return the largest pressure difference (Pa) and the smallest after an opening, with the value at rest
+    subtracted.
+    """
     zero = rest[PRESSURES[0]] - rest[PRESSURES[1]]
     parted = _smooth(-way * (values[PRESSURES[0]] - values[PRESSURES[1]] - zero))
     highest = float(parted.max())

@@ -97,13 +97,13 @@ Found = Callable[[Rig, Mapping[str, Any]], tuple[float, ...]]
 
 @dataclass(slots=True)
 class Series:
-    """The same measurement in every inspection: its calculation and its readings."""
+    """One measurement that is repeated in every inspection: its computations and its readings."""
 
     computed: list[Found] = field(default_factory=list)
     read: list[Mapping[str, Any]] = field(default_factory=list)
 
     def known(self, run: Run, place: int) -> list[Measured]:
-        """Return one of the numbers that it computes, look by look, each as if there were no other."""
+        """Return one of its results, by inspection, each with its own uncertainty."""
         return [
             run.measured(partial(_at, of, place), run.rig, read, averaged=AVERAGED)
             for of, read in zip(self.computed, self.read, strict=True)
@@ -112,7 +112,7 @@ class Series:
 
 @dataclass(slots=True)
 class Looks:
-    """The number of cycles, and the results after some of them, by spring."""
+    """The number of cycles, and the results of the inspections, by spring."""
 
     made: int = 0
     cycles: list[float] = field(default_factory=list)
@@ -134,7 +134,7 @@ class Looks:
             series.read.append(heights)
 
     def judge(self, run: Run) -> None:
-        """Keep all curves, and check what changed, if there are looks before and after some cycles."""
+        """Record all curves, and check the changes if there are inspections before and after some cycles."""
         for name, quantity, limit, unit in JUDGED:
             band = run.specimen.limits.band(f"endurance.{limit}", unit)
             place = 1 if quantity is DAMPING else 0
@@ -145,9 +145,9 @@ class Looks:
                     check_band(run, name.of(where=where), change, unit, band)
 
     def _change(self, run: Run, series: Series, place: int, unit: str) -> Measured:
-        """Return how much it changes in 1000 cycles, along the straight line; of ratios, against the first.
+        """Return the change per 1000 cycles, the slope of the fitted line; for ratios relative to the first value.
 
-        Every look has the same pieces: offsets fall out of what changes, gains out of a ratio.
+        All inspections use the same instruments: offsets cancel in changes, gains in ratios.
         """
 
         def change(rig: Rig, *read: Mapping[str, Any]) -> float:
@@ -256,7 +256,7 @@ def endurance(
 
 @contextmanager
 def _reason(run: Run, deviation: Deviation | None) -> Iterator[None]:
-    """Report at the end of the block why a ``deviation`` ended the cycles: its causes may be known by then."""
+    """Report at the end of the block why a ``deviation`` ended the cycles; its causes may be known only then."""
     try:
         yield
     finally:
@@ -275,9 +275,9 @@ def _cycle(
     *,
     ends: bool = False,
 ) -> Deviation | None:
-    """Run ``count`` cycles, in as many programs as they take, and count in ``looks`` those that were made.
+    """Run ``count`` cycles in as many programs as needed, and add the completed ones to ``looks``.
 
-    With ``ends`` they end where rig and model deviate: return that deviation, or None if all cycles were made.
+    With ``ends``, stop at a deviation of rig and model and return it; None if all cycles were completed.
     """
     while count > 0:
         some = min(count, PROGRAM)
@@ -295,7 +295,7 @@ def _cycle(
 
 
 def _wait_done(run: Run, within: float, ends: bool) -> Deviation | None:
-    """Wait until the cycles are done; with ``ends``, or until rig and model deviate: return that deviation."""
+    """Wait until the cycles are completed; with ``ends``, stop at a deviation of rig and model and return it."""
     last = run.now + round(within * NS)
     while ends:
         if (deviation := run.twin.deviation) is not None:

@@ -70,8 +70,8 @@ DELAY: Final = CheckName(
 def lift(run: Run, within: float) -> None:
     """Lift the bolster to design height and fill both springs to the pressure of the empty car.
 
-    ParameterRefused if a valve that is too slow would not be waited for, SpecimenError if one that does not open could
-    pass.
+    Raises ParameterRefused if ``within`` is too short for the slowest valve that passes, and SpecimenError for limits
+    that a valve would pass without opening.
     """
     load, limits = run.specimen.load(AW0), run.specimen.limits
     _refuse_limits_that_pass_anything(limits)
@@ -162,7 +162,7 @@ def leveling(
 
 
 def _check_delay(run: Run, side: str, step: float, times: Samples, values: Mapping[str, Samples]) -> None:
-    """Check the delay after a ``step`` (m): a larger one opens the valve sooner."""
+    """Check the delay after a ``step`` (m) against its limit; a larger step opens the valve sooner."""
     check, limits = DELAY.of(side=side), run.specimen.limits
     stated = limits.curve("leveling_delay")
     if not min(stated) <= step <= max(stated):
@@ -175,7 +175,9 @@ def _check_delay(run: Run, side: str, step: float, times: Samples, values: Mappi
 
 
 def _stairs(run: Run, home: Home, way: float) -> dict[str, list[dict[str, float]]]:
-    """Return the heights of the stairs between which each valve opens; of the last one where it does not."""
+    """Return the mean heights of the two steps between which each valve opens; only the last step if it does not
+    open.
+    """
     found: dict[str, list[dict[str, float]]] = {}
     before, low = _slopes(run)
     for stair in STAIRS:
@@ -192,7 +194,7 @@ def _stairs(run: Run, home: Home, way: float) -> dict[str, list[dict[str, float]
 
 
 def _slopes(run: Run) -> tuple[dict[str, float], dict[str, float]]:
-    """Return how fast the pressure of each side changes (Pa/s), and the heights (m) meanwhile."""
+    """Return the rate of pressure change (Pa/s) of each side, and the mean heights (m) during it."""
     names = {side: f"{side}.auxiliary_pressure" for side in SIDES}
     with run.bench.capture(*names.values(), *HEIGHTS) as capture:
         run.bench.wait(STAIR_LOOK)
@@ -203,7 +205,7 @@ def _slopes(run: Run) -> tuple[dict[str, float], dict[str, float]]:
 
 
 def _opened(run: Run, side: str, way: float, around: list[dict[str, float]]) -> Measured:
-    """Return at which height (m) off the design height a valve opens, of the stairs ``around``."""
+    """Return the distance (m) from design height at which a valve opens, from the steps ``around``."""
     if len(around) < 2:
         return Measured(STAIRS[-1] + 1 * mm, unknown=NOT_OPENED)
     height = run.measured(lambda *read: way * _middle(side, read), *around, averaged=STAIR_SAMPLES)
@@ -211,7 +213,7 @@ def _opened(run: Run, side: str, way: float, around: list[dict[str, float]]) -> 
 
 
 def _dead_band(run: Run, side: str, around: list[dict[str, float]]) -> Measured:
-    """Return the width (m) between opening to exhaust and to fill, from the stairs around both, upper ones first."""
+    """Return the width (m) between opening to exhaust and to fill, from the steps around both, upper ones first."""
     if len(around) < 4:
         return Measured(2 * (STAIRS[-1] + 1 * mm), unknown=NOT_OPENED)
     width = run.measured(
@@ -223,7 +225,7 @@ def _dead_band(run: Run, side: str, around: list[dict[str, float]]) -> Measured:
 
 
 def _half(side: str, stairs: Sequence[Mapping[str, float]]) -> float:
-    """Return the standard uncertainty (m) of a height of which only the stairs below and above are known."""
+    """Return the standard uncertainty (m) of a height that lies between two steps."""
     below, above = (stair[f"{side}.height"] for stair in stairs)
     return 0.5 * EVEN * abs(above - below)
 
@@ -241,7 +243,7 @@ def _took(
     target: float,
     within: float,
 ) -> Measured:
-    """Return when (s) a pressure has come to the ``target`` (Pa, falling ones with their sign turned)."""
+    """Return the time (s) until a pressure reaches the ``target`` (Pa; negative for falling pressures)."""
     reached = np.flatnonzero(-way * values[f"{side}.auxiliary_pressure"] >= target)
     if not reached.size:
         return Measured(within, unknown="the pressure was not reached in time")
@@ -258,7 +260,7 @@ def _took(
 def _step(
     run: Run, home: Home, step: float, pressure: float, within: float
 ) -> tuple[Samples, Mapping[str, Samples]]:
-    """Step to a height and wait for the pressure at which each side is shut; return times (s) and readings.
+    """Move to a height and shut each side when it reaches ``pressure``; return times (s) and readings.
 
     Times count from the first motion.
     """
@@ -286,7 +288,7 @@ def _step(
 
 
 def _delay(side: str, times: Samples, values: Mapping[str, Samples]) -> float:
-    """Return by how much (s) the line of a wide open valve lags behind a step; NaN where it was not seen."""
+    """Return the delay (s) of the line of a fully open valve after a step; NaN if the valve was not seen fully open."""
     pressure = values[f"{side}.auxiliary_pressure"]
     early, late = ((times >= start) & (times <= end) for start, end in (STEP_DONE, WIDE_OPEN))
     if times[-1] < WIDE_OPEN[1]:

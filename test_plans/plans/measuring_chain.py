@@ -167,7 +167,7 @@ STILL: Final = 8 * s
 
 
 def without_air(run: Run) -> None:
-    """Vent all air, the rest of it too, and release the actuators: only the bolster presses.
+    """Vent all air, including the residual air, and release the actuators, so that only the weight of the bolster acts.
 
     The bolster presses out the last air, which cools once more. Therefore the wait for warm air comes last.
     """
@@ -304,7 +304,7 @@ def _zeros(
 
 
 def _check_zeros(run: Run) -> None:
-    """Check what each transducer reads where its quantity is known."""
+    """Check the reading of each transducer whose quantity is known in this state."""
     asked = [zero for zero in _zeros(run.rig, run.bench.has) if run.can(zero[0], needs=zero[1])]
     mean = run.bench.averages(
         *dict.fromkeys(name for _, sum_of, *_ in asked for name in sum_of), over=READ_OVER
@@ -324,7 +324,7 @@ def _zero(
 
 
 def _weigh(run: Run, mass: float) -> None:
-    """Check what the cells read more with a known ``mass`` (kg) on the bolster, which the operator puts there."""
+    """Check the additional reading of the cells under a known ``mass`` (kg), which the operator puts on the bolster."""
     with run.phase("known mass"):
         cells = bearing(run.rig)
         before = run.bench.averages(*cells, over=READ_OVER)
@@ -347,7 +347,7 @@ def _weigh(run: Run, mass: float) -> None:
 def _steps(
     run: Run, names: Sequence[str], forces: Sequence[float], press: Callable[[Run, float], None]
 ) -> list[Mapping[str, float]]:
-    """Press with each of the ``forces`` (N); return the readings of each step."""
+    """Apply each of the ``forces`` (N) with ``press``; return the mean readings of each step."""
     read: list[Mapping[str, float]] = []
     for force in forces:
         press(run, force)
@@ -365,7 +365,7 @@ def _push(run: Run, force: float) -> None:
 
 
 def _check_side(run: Run, side: str, read: Steps, dummy: Band) -> None:
-    """Check one side: its cells against its actuator, what the dummy gives way, and what the frame."""
+    """Check one side: its cells against its actuator, and the compliance of dummy and frame."""
     names = OVER_ACTUATOR.of(side=side), OFF_THE_LINE.of(side=side)
     _check_line(run, names, read, partial(_downward, side), GAIN)
     _check_stiffness(run, GIVES_WAY.of(side=side), partial(_stiffness, _dummy, side), read, dummy)
@@ -413,23 +413,23 @@ def _series(read: Steps) -> dict[str, Samples]:
 
 
 def _downward(side: str, rig: Rig, read: Steps) -> Forces:
-    """Return what actuators and cells say of the force on one side (N)."""
+    """Return the force on one side (N), from the actuators and from the cells."""
     values = _series(read)
     return pressed_on(values, rig, side), load_on(values, rig, side)
 
 
 def _sideways(rig: Rig, read: Steps) -> Forces:
-    """Return what the lateral actuator and the cells across say (N)."""
+    """Return the lateral force (N), from the actuator and from the lateral cells."""
     return _sum(read, "lateral.force"), -sideways_force(_series(read), rig)
 
 
 def _dummy(side: str, rig: Rig, read: Steps) -> Samples:
-    """Return how far the dummy gives way (m)."""
+    """Return the compression of the dummy (m)."""
     return -height_of_spring(_series(read), rig, side)
 
 
 def _frame(side: str, rig: Rig, read: Steps) -> Samples:
-    """Return how far the frame gives way (m)."""
+    """Return the deflection of the frame (m)."""
     values = _series(read)
     bolster = height_at(values, rig, side, rig[across(f"vertical_{side}")])
     return bolster - values[f"vertical_{side}.displacement"]
@@ -438,7 +438,7 @@ def _frame(side: str, rig: Rig, read: Steps) -> Samples:
 def _stiffness(
     way: Callable[[str, Rig, Steps], Samples], side: str, rig: Rig, *read: Mapping[str, float]
 ) -> float:
-    """Return force over way (N/m) of one side, by what its cells read."""
+    """Return force over displacement ``way`` (N/m) of one side, with the force from its cells."""
     _, pressed = _downward(side, rig, read)
     compliance = straight_line(pressed, way(side, rig, read))[1]
     return min(1 / compliance if compliance > 0.0 else inf, STIFFEST)

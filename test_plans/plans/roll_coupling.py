@@ -107,7 +107,7 @@ def roll_coupling(
 
 
 def _odd_and_even(secants: list[float], storages: list[float]) -> tuple[float, float]:
-    """Return the lateral force (N) that turns its sign with the roll, and K' rolled over level.
+    """Return the lateral force (N) that changes sign with the roll, and K' rolled over K' level.
 
     The arguments are the results at the roll, at the opposite roll, and level.
     """
@@ -116,7 +116,7 @@ def _odd_and_even(secants: list[float], storages: list[float]) -> tuple[float, f
 
 
 def _swing(run: Run) -> tuple[Samples, Values]:
-    """Roll the bolster, free sideways; return times and samples of whole cycles at full amplitude."""
+    """Roll the bolster, which is free sideways; return times and samples of whole cycles at full amplitude."""
     bench = run.bench
     bench.lateral.push(0.0, rate=LATERAL_RATE)
     with bench.capture(*HEIGHTS, *bearing(run.rig), *GENERATOR) as capture:
@@ -130,7 +130,7 @@ def _swing(run: Run) -> tuple[Samples, Values]:
 
 
 def _roll_stiffness(times: Samples, rig: Rig, values: Values) -> Stiffness:
-    """Moment over angle (N·m/rad), first harmonic."""
+    """Return moment over angle (N·m/rad), from first harmonics."""
     late = lag_of(rig, *HEIGHTS), lag_of(rig, *VERTICAL_CELLS)
     angle, moment = roll_of(values, rig), cell_moment(values, rig)
     return dynamic_stiffness(times, angle, moment, SWING_FREQUENCY, lags=late)

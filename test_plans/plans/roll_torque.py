@@ -60,7 +60,7 @@ Values = Mapping[str, Samples]
 
 
 class Motion(NamedTuple):
-    """First harmonics of one motion (SI): shear, roll and height; force, torque and load that the pair opposes."""
+    """First harmonics of one motion (SI): shear, roll and height; force, torque and load of the pair against them."""
 
     shear: complex
     roll: complex
@@ -71,7 +71,7 @@ class Motion(NamedTuple):
 
 
 class Law(NamedTuple):
-    """The law of one spring from three motions: F = K_yy y + K_yφ φ, M = K_φy y + K_φφ φ, both per spring."""
+    """Coefficients of one spring from three motions: F = K_yy y + K_yφ φ, M = K_φy y + K_φφ φ."""
 
     by_roll: float  #: N/rad
     by_shear: float  #: N·m per m
@@ -151,7 +151,7 @@ def roll_torque(
 
 
 def _motions(rig: Rig, roll: float) -> list[dict[str, float]]:
-    """Return the amplitude (m) of each actuator in each motion, by its name: up, a roll, a shear, and up again."""
+    """Return the amplitude (m) of each actuator in each motion, by name: up, roll, shear, and up again."""
     above = rig["centre_height"] + rig["lateral_actuator_height"]
     travel = roll * rig["spring_half_spacing"]
     up = {f"vertical_{side}": travel for side in SIDES}
@@ -195,7 +195,9 @@ def _motion(times: Samples, rig: Rig, values: Values) -> Motion:
 
 
 def _law(rig: Rig, before: Motion, rolled: Motion, sheared: Motion, after: Motion) -> Law:
-    """Solve both equations for what two motions say, and take the heights' part off by the other two."""
+    """Solve both equations with a roll and a shear, and subtract the part of the heights, known from the other two
+    motions.
+    """
     motions = np.array([[rolled.shear, sheared.shear], [rolled.roll, sheared.roll]])
     answers = np.array([[rolled.force, sheared.force], [rolled.torque, sheared.torque]])
     (_, by_roll), (by_shear, whole) = (0.5 * (answers @ np.linalg.inv(motions))).real

@@ -99,7 +99,7 @@ IS_OFF: Final = CheckName(
 
 
 def switch_off(run: Run) -> None:
-    """Make the bench safe, and leave it without power and air; both are checked."""
+    """Make the bench safe, switch it off, and check that it is off and without pressure."""
     with ExitStack() as last_first:
         last_first.callback(_check_off, run)
         last_first.callback(steps.make_safe, run)
@@ -148,7 +148,7 @@ Read = Mapping[str, Samples]
 
 
 class Course:
-    """What the bench did since something was taken from it: ``since`` s after the capture began."""
+    """Response of the bench to a provocation, with times from ``since`` s after the start of the capture on."""
 
     def __init__(self, capture: Capture, watched: float, since: float = 0.0) -> None:
         self._values = {name: capture.values(name) for name in READ}
@@ -156,7 +156,7 @@ class Course:
         self._since, self._watched = since, watched
 
     def until_state(self, *states: str) -> float:
-        """Return how long it took to one of ``states`` (s); as long as it was watched if it never came."""
+        """Return the time (s) until one of ``states``; the observed time if none was reached."""
         there = np.isin(self._values["rig.state"], [STATES.index(state) for state in states])
         return float(self._times["rig.state"][np.argmax(there)]) if there.any() else self._watched
 
@@ -165,7 +165,7 @@ class Course:
         return max(self._last_large(name, (read or self._values)[name], limit) for name in names)
 
     def rise(self, read: Read | None = None) -> float:
-        """Return by how much the higher side rose (m); NaN if one was not seen all the time."""
+        """Return the larger rise of both sides (m); NaN if one of them was not seen throughout."""
         rises = []
         for name in HEIGHTS:
             values = (read or self._values)[name]
@@ -185,13 +185,13 @@ class Course:
         return 0.0 if not after else float(times[after]) if after < times.size else self._watched
 
     def _seen(self, name: str) -> bool:
-        """Return whether a reading came all the time."""
+        """Return whether a reading arrived without gaps."""
         gaps = np.diff(self._times[name], prepend=-self._since, append=self._watched)
         return bool(np.all(gaps < UNSEEN))
 
     @property
     def _rates(self) -> dict[str, float]:
-        """How many samples a second each reading has; one where there are none."""
+        """Number of samples per second of each reading; 1 for a reading with one sample or none."""
         return {
             name: (times.size - 1) / (times[-1] - times[0]) if times.size > 1 else 1.0
             for name, times in self._times.items()
@@ -199,14 +199,14 @@ class Course:
 
 
 def _charge(run: Run) -> None:
-    """Fill the springs under a bolster that is held at design height, and shut them."""
+    """Fill the springs, with the bolster held at design height, and shut them."""
     steps.power_up(run)
     steps.raise_the_air(run, run.specimen.load(AW0))
     steps.lock_the_air(run)
 
 
 def _course(run: Run, provocation: AbstractContextManager[None], watched: float) -> Course:
-    """Return what the bench does in ``watched`` s from the beginning of a ``provocation`` on."""
+    """Return the response of the bench in ``watched`` s from the start of a ``provocation``."""
     bench = run.bench
     with bench.despite_faults(), bench.capture(*READ) as capture, provocation:
         bench.wait(watched)
@@ -214,7 +214,7 @@ def _course(run: Run, provocation: AbstractContextManager[None], watched: float)
 
 
 def _supervised(run: Run, names: Iterable[str]) -> bool:
-    """Return whether the rig is known to notice silence; if not, the checks ``names`` are not available."""
+    """Return whether the rig is known to detect silence; if not, record the checks ``names`` as not available."""
     known = run.bench.wiring.capabilities.watchdog
     if not known:
         run.not_available(
@@ -224,7 +224,7 @@ def _supervised(run: Run, names: Iterable[str]) -> bool:
 
 
 def _check_safe(run: Run, name: str, course: Course) -> None:
-    """Check the way into the safe position."""
+    """Check the transition to the safe position."""
     for what, names, limit in ((SAFE[0], BELLOWS, RESIDUAL_PRESSURE), (SAFE[1], FORCES, LET_GO)):
         took = course.measured(run, partial(course.until_small, names, limit)).with_uncertainty(
             SAMPLING, OF_A_CYCLE, even=True

@@ -26,7 +26,7 @@ def medley(
     wide: float,
     roll: float,
 ) -> Stretch:
-    """Return a stretch of about a minute; sizes in m (``roll`` in rad), ``step`` from the starting height."""
+    """Return a stretch of about a minute; sizes in m (``roll`` in rad), ``step`` relative to the starting height."""
     segments: tuple[Segment, ...] = (
         Wave("vertical", slow, 0.3 * Hz, 3, "triangle"),
         Wave("vertical", large, 0.5 * Hz, 3),

@@ -99,7 +99,7 @@ LEVEL: Final = (4.032e-7, 2.119e-7)
 
 
 def take_up(run: Run, load: str) -> None:
-    """Put the load on the springs, hold them at design height, shut them, and release the bolster sideways."""
+    """Load the springs, hold them at design height, shut them, and release the bolster sideways."""
     steps.carry_load(run, load)
     go_home(run)
     run.bench.wait(COOL)
@@ -168,7 +168,7 @@ def stochastic_crosswind(
 def _swings(
     calm: npt.NDArray[np.bool_], steady: npt.NDArray[np.bool_], rig: Rig, values: Values
 ) -> tuple[float, float, float]:
-    """Return the rms of the displacement (m), what it exceeds in 1 % of the time, and the rms of the pressures (Pa)."""
+    """Return the rms of the displacement (m), its 99th percentile (m), and the rms of the pressures (Pa)."""
     y = shear_of(values, rig) - values["platform.lateral"]
     y = (y - y[calm].mean())[steady]
     swing = float(np.max([values[name][steady].std() for name in PRESSURES]))  # NaN if one is
@@ -176,7 +176,7 @@ def _swings(
 
 
 def _sideways(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectra:
-    """Return the spectra of the springs' shear and of the force that they oppose to it."""
+    """Return the spectra of the springs' shear and of their force against it."""
     y = shear_of(values, rig) - values["platform.lateral"]
     force = -sideways_force(values, rig)
     late = lag_of(rig, "lateral.displacement"), lag_of(rig, *SHEAR_CELLS)
@@ -184,7 +184,7 @@ def _sideways(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectr
 
 
 def upright(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectra:
-    """Return the spectra of the springs' compression, the mean of both, and of the load on one."""
+    """Return the spectra of the mean compression of both springs and of the mean load on one."""
     down = -0.5 * (values["left.height"] + values["right.height"])
     force = 0.5 * upward_force(values, rig)
     late = lag_of(rig, *HEIGHTS), lag_of(rig, *VERTICAL_CELLS)
@@ -192,7 +192,7 @@ def upright(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectra:
 
 
 def excitation(times: Samples, wind: float, draw: int) -> dict[str, Samples]:
-    """Return what lateral actuator (N) and platform (m) add at ``times`` (s, even steps), by the reading's name."""
+    """Return the contribution of lateral actuator (N) and platform (m) at equally spaced ``times`` (s), by reading."""
     generator = np.random.default_rng(draw)
     f = np.fft.rfftfreq(times.size, times[1])
     passing = (f >= SLOWEST) & (f <= FASTEST)
@@ -249,7 +249,7 @@ def check_stiffness(
 
 
 def keep_stiffness(run: Run, load: str, direction: str, found: Spectra) -> None:
-    """Keep |K| over frequency with its uncertainty."""
+    """Record |K| over frequency with its uncertainty."""
     lines = [found.between(f - 0.125 * Hz, f + 0.125 * Hz) for f in LINES]
     sizes = [(abs(one.value), SIGMAS_OF_95 * one.uncertainty) for one in lines]
     for name, ys in (

@@ -76,7 +76,7 @@ TRAVEL: Final = CheckName(
 
 
 def drawn() -> TrackRecord:
-    """Return the track that represents a file: vertical and lateral, with the spectrum of ERRI B 176."""
+    """Return the track that is used instead of a file: vertical and lateral, with the spectrum of ERRI B 176."""
     places: Samples = DRAWN_STEP * np.arange(round(DRAWN_LENGTH / DRAWN_STEP), dtype=np.float64)
     waves = np.asarray(np.fft.rfftfreq(places.size, DRAWN_STEP), np.float64)
     passing = (waves >= 1.0 / WAVES[1]) & (waves <= 1.0 / WAVES[0])
@@ -89,16 +89,16 @@ def drawn() -> TrackRecord:
 
 
 def read(track: str) -> TrackRecord:
-    """Return the track that a parameter names; NoTrack for a file that is not a track."""
+    """Return the track that a parameter names. Raises NoTrack for a file that is not a track."""
     return drawn() if track == DRAWN else read_track(Path(track))
 
 
 def excitation(
     record: TrackRecord, speed: float, duration: float, wind: float
 ) -> tuple[Samples, dict[str, Samples]]:
-    """Return times (s) and the motion added to each set-point (SI): a track under a train, and a steady crosswind.
+    """Return times (s) and the contribution of track and steady crosswind to each set-point (SI).
 
-    All of it rises within 4 s and fades within 4 s, and counts for ``duration`` s in between.
+    All contributions rise and fade within 4 s, and are complete for the ``duration`` (s) in between.
     """
     count = round((duration + 2 * RISE) / STEP)
     times = np.linspace(0.0, count * STEP, count + 1)
@@ -204,7 +204,7 @@ def track_record(
 
 
 def _compare(run: Run, name: str, at: Samples, values: Values, times: Samples, way: Samples) -> None:
-    """Check how the platform moved next to a ``way`` (n,) at ``times`` (n,), and draw both."""
+    """Check the motion of the platform against the commanded ``way`` (n,) at ``times`` (n,), and record both."""
     played = (at >= 0.0) & (at <= times[-1])
     asked = float(np.std(np.interp(at[played], times, way)))
     shown = name.partition(".")[2]
@@ -238,6 +238,6 @@ def _compare(run: Run, name: str, at: Samples, values: Values, times: Samples, w
 
 
 def _travel(calm: npt.NDArray[np.bool_], shaken: npt.NDArray[np.bool_], rig: Rig, values: Values) -> float:
-    """Return how far the bolster went towards its bump stop at the most (m), without the noise of a sample."""
+    """Return the largest travel of the bolster toward its bump stop (m): the 99.9th percentile, because of noise."""
     way = stop_travel_of(values, rig) - values["platform.lateral"]
     return float(np.percentile(np.abs(way - way[calm].mean())[shaken], 99.9))

@@ -1,1 +1,1 @@
-"""Runs that are data: stretches of waves, stands and valves, which the bench performs and a model replays."""
+"""Runs as data: stretches of waves, rest poses and valves, which the bench performs and a model replays."""

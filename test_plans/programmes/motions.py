@@ -1,4 +1,4 @@
-"""Motions of the bench as data: what a run does, from which both its execution and its prediction are made."""
+"""Motions of the bench as data, from which a run and its prediction are made."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ REST: Final = "rest"
 
 @dataclass(frozen=True, slots=True)
 class Wave:
-    """Whole cycles of the function generator about the present stand; the first fades in, the last fades out."""
+    """Whole cycles of the function generator about the present pose; the first fades in, the last fades out."""
 
     axis: Axis
     amplitude: float  #: m; rad on the roll axis
@@ -32,19 +32,19 @@ class Wave:
 
     @property
     def name(self) -> str:
-        """In the words of a report."""
+        """The wave as text for reports."""
         size = f"{self.amplitude / mrad:g} mrad" if self.axis == "roll" else f"{self.amplitude / mm:g} mm"
         return f"{self.axis} {self.form} {size}, {self.frequency:g} Hz"
 
     @property
     def duration(self) -> float:
-        """In s."""
+        """The duration (s)."""
         return self.cycles / self.frequency
 
 
 @dataclass(frozen=True, slots=True)
 class RestPose:
-    """A place of the springs, seen from design height, centred and level; the bench goes there and rests."""
+    """A pose of the springs relative to design height, centred and level; the bench moves to it and rests."""
 
     height: float = 0.0  #: m
     shear: float = 0.0  #: m
@@ -54,7 +54,7 @@ class RestPose:
 
     @property
     def name(self) -> str:
-        """In the words of a report."""
+        """The pose as text for reports."""
         places = (
             f"{what} {value / unit:g} {text}"
             for what, value, unit, text in (
@@ -67,7 +67,7 @@ class RestPose:
         return f"go to {', '.join(places) or 'design height'}"
 
     def targets(self, rig: Rig) -> dict[str, float]:
-        """Return where the set-points of a ``rig`` are for it (m, rad), seen from design height."""
+        """Return the set-points of a ``rig`` in this pose (m, rad), relative to design height."""
         to = pose(rig, self.shear, self.roll)
         return {
             **{actuator: self.height + way for actuator, way in lifted(rig, to.bolster_roll).items()},
@@ -76,13 +76,13 @@ class RestPose:
         }
 
     def duration_from(self, place: Mapping[str, float], rig: Rig) -> float:
-        """Return how long it takes to come here from set-points ``place`` (s); a radian counts as a metre."""
+        """Return the time (s) of the motion to this pose from set-points ``place``; a radian counts as a metre."""
         return max(abs(to - place[axis]) for axis, to in self.targets(rig).items()) / self.rate
 
 
 @dataclass(frozen=True, slots=True)
 class Valves:
-    """Valves that change while everything is at rest; None leaves them as they are."""
+    """A change of valves at rest; None leaves a valve unchanged."""
 
     air: AirMode | None = None  #: shut, or on the leveling valves
     reservoirs: Switch | None = None  #: auxiliary chambers joined with their bellows
@@ -90,7 +90,7 @@ class Valves:
 
     @property
     def name(self) -> str:
-        """In the words of a report."""
+        """The change as text for reports."""
         parts = (
             ("air", self.air),
             ("reservoirs", self.reservoirs),
@@ -115,7 +115,7 @@ REST_AFTER: Final = 1 * s
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """One run to be replayed: its first ``segments`` begin at ``start``, after rest, conditioning and rest again."""
+    """One run to be replayed: ``segments`` that begin at ``start``, after rest, conditioning and rest again."""
 
     segments: tuple[Segment, ...]
     start: RestPose = RestPose()
@@ -125,7 +125,7 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Stretches under one load, which is taken up on the leveling valves first."""
+    """Stretches under one load, which the springs take up on the leveling valves first."""
 
     load: str  #: load case of the specimen
     stretches: tuple[Stretch, ...]
@@ -133,7 +133,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Programme:
-    """The motions of one visit to the bench; plan and record have its name, ``purpose`` ends its instruction."""
+    """The motions of one session on the bench; plan and record have its name, and ``purpose`` ends its instruction."""
 
     name: str
     title: str

@@ -1,4 +1,4 @@
-"""The execution of motions on the bench: every segment is its own phase, so that the record can be replayed."""
+"""Execution of motions on the bench; every segment is its own phase, so that the record can be replayed."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ TAKE_UP: Final = {AW0: 40 * s, AW3: 52 * s}
 
 
 def lasts(programme: Programme) -> float:
-    """Return how long the virtual bench is busy with it (s); one of other dimensions hardly longer."""
+    """Return the duration (s) of a programme on the virtual bench; on a rig of other dimensions it differs little."""
     return sum(
         TAKE_UP[part.load]
         + sum(float(trajectory(stretch, ours(), COARSE).time[-1]) + BETWEEN for stretch in part.stretches)
@@ -80,7 +80,7 @@ def lasts(programme: Programme) -> float:
 
 
 def programme_plan(programme: Programme) -> Plan:
-    """Return the plan that does what ``programme`` says on the bench; it judges nothing."""
+    """Return the plan that performs ``programme`` on the bench; it judges nothing."""
     instruction = f"{programme.title}\n\n{cleandoc(programme.purpose)}"
     return Plan(
         programme.name,
@@ -105,7 +105,7 @@ def programme_plan(programme: Programme) -> Plan:
 
 
 def perform(run: Run, programme: Programme) -> None:
-    """Do what ``programme`` says; its first load is carried already."""
+    """Perform ``programme``; its first load is carried already."""
     number = 0
     for part in programme.parts:
         if part is not programme.parts[0] and not _taken_up(run, programme, part, number):
@@ -129,7 +129,7 @@ def perform(run: Run, programme: Programme) -> None:
 
 
 def _taken_up(run: Run, programme: Programme, part: Part, number: int) -> bool:
-    """Put one load down and take up that of ``part``; if the rig does not allow the change, skip the rest.
+    """Replace the present load by that of ``part``; return False if wrong zeros of the transducers prevent it.
 
     The motion until then is still worth a replay, because it may show the cause.
     """
@@ -150,9 +150,9 @@ def _taken_up(run: Run, programme: Programme, part: Part, number: int) -> bool:
 
 
 def _check(run: Run, name: str, stretch: Stretch, capture: Capture) -> None:
-    """Check that the record is worth replaying: samples came, and the springs went as far as they were asked to.
+    """Check that the record can be replayed: samples arrived, and the springs reached the commanded travel.
 
-    A gap on the way takes nothing from how far they went.
+    A gap in between does not reduce the reached travel.
     """
     asked = trajectory(stretch, run.rig)
     came = min(_received(capture.times(height), asked.time[-1]) for height in HEIGHTS)
@@ -169,9 +169,9 @@ def _check(run: Run, name: str, stretch: Stretch, capture: Capture) -> None:
 
 
 def _received(times: Samples, duration: float) -> float:
-    """Return which share of its samples a signal had in ``duration`` (s): it comes as often as it mostly does.
+    """Return the received share of a signal's samples in ``duration`` (s), relative to its usual interval.
 
-    A quarter of the steps are shorter than this one, even where every second sample is lost.
+    The usual interval is the first quartile, which holds even if every second sample is lost.
     """
     if times.size < FEW:
         return 0.0
@@ -185,7 +185,7 @@ def _height(side: str, values: Mapping[str, Samples], rig: Rig) -> Samples:
 def _went(
     of: Callable[[Mapping[str, Samples], Rig], Samples], way: float, rig: Rig, values: Mapping[str, Samples]
 ) -> float:
-    """Return how far something went, over the ``way`` (m) that was asked for; NaN if nothing was seen."""
+    """Return the travel over the commanded ``way`` (m); NaN without samples."""
     motion = of(values, rig)
     seen = motion[np.isfinite(motion)]
     return float(np.ptp(seen)) / way if seen.size else float("nan")
@@ -239,7 +239,7 @@ def _turn(run: Run, valves: Valves) -> None:
 
 
 def _go(run: Run, home: Home, pose: RestPose) -> None:
-    """Bring all axes there at the same time: the one with the longest way has the stand's rate."""
+    """Move all axes so that they arrive together; the axis with the longest distance moves at the rate of the pose."""
     commander = run.bench.commander
     offsets = {"vertical_left": home.left, "vertical_right": home.right}
     targets = {axis: to + offsets.get(axis, 0.0) for axis, to in pose.targets(run.rig).items()}

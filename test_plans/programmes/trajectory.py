@@ -1,4 +1,4 @@
-"""The motion that a stretch asks for, as arrays over time: what the bench will do, before it does it."""
+"""The commanded motion of a stretch as arrays over time, computed before the bench performs it."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ AXES: Final = ("vertical_left", "vertical_right", "lateral", "platform_roll")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """Set-points over time, seen from design height: each (n,), in m and rad; ``leveling`` and so on are 0 or 1."""
+    """Set-points over time relative to design height, shape (n,), in m and rad; ``leveling`` and the like are 0 or
+    1.
+    """
 
     time: Samples
     vertical_left: Samples
@@ -48,7 +50,7 @@ class Trajectory:
 
     @property
     def heights(self) -> dict[str, Samples]:
-        """What the lasers see, by side."""
+        """Heights at the lasers (m), by side."""
         left, right = (self.rig[one] for one in ACTUATORS)
         middle = (right * self.vertical_left - left * self.vertical_right) / (right - left)
         roll = self._bolster_roll - self.platform_roll
@@ -61,13 +63,13 @@ class Trajectory:
 
     @property
     def shear(self) -> Samples:
-        """Lateral displacement of the top plates against the platform, of a bench that does not give way."""
+        """Lateral displacement of the top plates against the platform (m), for a rigid bench."""
         above = self.rig["centre_height"] + self.rig["lateral_actuator_height"]
         return self.lateral + above * self._bolster_roll + self.rig["column_height"] * self.platform_roll
 
 
 def trajectory(stretch: Stretch, rig: Rig, rate: float = RATE) -> Trajectory:
-    """Return what ``stretch`` asks a ``rig`` of these dimensions to do, sampled with ``rate`` (Hz)."""
+    """Return the motion that ``stretch`` commands on a ``rig``, sampled at ``rate`` (Hz)."""
     walk = _Walk(rate, rig, stretch.start, stretch.valves)
     walk.rest(REST_BEFORE)
     for wave in stretch.condition:
@@ -95,7 +97,7 @@ def trajectory(stretch: Stretch, rig: Rig, rate: float = RATE) -> Trajectory:
 
 
 def unit_wave(wave: Wave, time: Samples) -> Samples:
-    """Return the generator's wave of amplitude 1 at ``time`` (s) since its start, faded in and out over one cycle."""
+    """Return the generator's wave of amplitude 1 at ``time`` (s) from its start, faded in and out over one cycle."""
     phase = np.minimum(time * wave.frequency, wave.cycles)
     edge = np.clip(np.minimum(phase, wave.cycles - phase), 0.0, 1.0)
     envelope = 0.5 * (1.0 - np.cos(np.pi * edge))
@@ -105,7 +107,7 @@ def unit_wave(wave: Wave, time: Samples) -> Samples:
 
 
 class _Walk:
-    """Goes through a stretch, piece by piece, and remembers where everything stands."""
+    """Builds the motion of a stretch segment by segment from the present set-points and valves."""
 
     def __init__(self, rate: float, rig: Rig, start: RestPose, valves: Valves) -> None:
         self.rate, self.rig = rate, rig

@@ -1,4 +1,4 @@
-"""What the air in the springs carries, and whether it stays there."""
+"""Load and tightness of the air in the springs."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ _OTHER: Final = {"left": "right", "right": "left"}
 
 
 class Weighing(NamedTuple):
-    """What identifies the mass of air: when it was read (s), and of each reading the samples with their times."""
+    """Readings that determine the mass of air: the time of reading (s), and samples and times of each reading."""
 
     time: float
     values: Values
@@ -67,7 +67,7 @@ class Weighing(NamedTuple):
 
     @property
     def rates(self) -> dict[str, float]:
-        """How many samples a second each reading has."""
+        """Number of samples per second of each reading."""
         return {
             name: (times.size - 1) / (times[-1] - times[0])
             for name, times in self.times.items()
@@ -98,10 +98,10 @@ def check_air(run: Run, load: Load) -> None:
 
 
 def _unseen(run: Run, mean: Mapping[str, float]) -> float:
-    """Return the standard uncertainty (N) of a load because of a force sideways that its cells do not see.
+    """Return the standard uncertainty (N) of a load due to a lateral force that its cells do not measure.
 
-    It makes a moment by its height, which no one knows: anywhere from the platform to the top plates. A bolster that no
-    actuator pushes has none.
+    The moment of the force depends on its height, which is unknown: anywhere between platform and top plates. Without
+    force of the lateral actuator it is zero.
     """
     cells = [cell for cell in described(run.rig) if run.bench.has(cell)]
     if "force sideways" not in unseen(run.rig, cells):
@@ -131,7 +131,7 @@ def weigh_the_air(run: Run) -> Weighing:
 
 
 def check_tightness(run: Run, load: Load, before: Weighing, at: str = "") -> None:
-    """Check that each spring kept its air since ``before``: m = Σ pV/(RT), whatever the temperature did meanwhile.
+    """Check that each spring kept its air since ``before``: m = Σ pV/(RT), independent of the temperature.
 
     ``load`` is that of the shims; ``at`` ends the names of the checks.
     """
@@ -152,9 +152,10 @@ def check_tightness(run: Run, load: Load, before: Weighing, at: str = "") -> Non
 
 
 def _air(specimen: Specimen, rig: Rig, values: Values, times: Values, load: Load, side: str) -> float:
-    """Mass of air in both chambers of a spring, times R.
+    """Return the mass of air in both chambers of a spring, times R.
 
-    The bellows is higher than the stack of both by what the emergency spring gives way beyond the preload.
+    The height of the bellows exceeds that of the whole spring by the compression of the emergency spring beyond the
+    preload.
     """
     used = [name for name in values if not name.startswith(_OTHER[side]) or name in HEIGHTS]
     state = {name: np.asarray(_settled(rig, name, times[name], values[name])) for name in used}

@@ -41,9 +41,9 @@ def controlled(
 ) -> Moved:
     """Return the samples of a wave that ``once`` runs with a command (m).
 
-    If the rig asks for amplitude control, repeat it until the amplitude is ``wanted`` (m) within 1 %, at most three
-    times. ``harmonic_of`` returns the first harmonic of the motion (m). The command stays below 1.5 times the wanted
-    amplitude and within the range of the rig. It is kept for the next wave of this kind in the run.
+    If the rig requires amplitude control, the wave is repeated until the amplitude is ``wanted`` (m) within 1 %, at
+    most three times. ``harmonic_of`` returns the first harmonic of the motion (m). The command stays below 1.5 times
+    the wanted amplitude and within the range of the rig. It is kept for the next wave of this kind in the run.
     """
     if not run.bench.amplitude_control:
         return once(wanted)

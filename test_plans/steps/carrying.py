@@ -80,14 +80,14 @@ def power_up(run: Run) -> None:
 
 
 def join(run: Run, *valves: str) -> None:
-    """Open those of the ``valves`` that are not known to be open; their state at the start of a rig is unknown."""
+    """Open the ``valves`` that are not known to be open; at the start of a rig their state is unknown."""
     settings = run.bench.settings
     shut = [name for name in valves if run.bench.has(name) and settings.known(name) != OPEN]
     settings.write(dict.fromkeys(shut, OPEN))
 
 
 def make_safe(run: Run) -> None:
-    """Stop all motion, vent the springs and disarm; each step is tried even if the one before failed."""
+    """Stop all motion, vent the springs and disarm; each step is tried even if the previous one failed."""
     try:  # nested, so that each error keeps the one before as its context
         if run.bench.has("rig.program"):
             run.bench.generator.stop()
@@ -104,7 +104,7 @@ def make_safe(run: Run) -> None:
 def depressurise(run: Run) -> None:
     """Vent both springs under their load, so that nothing jumps; in a fault state the bench vents them by itself.
 
-    RigFault if the springs hold air, or their pressure is unknown.
+    Raises RigFault if the springs hold air, or if their pressure is unknown.
     """
     bench = run.bench
     with run.phase("depressurise"):
@@ -168,7 +168,9 @@ def shim(run: Run, load: Load) -> None:
 
 
 def once_let_go(run: Run, change: Callable[[], None]) -> None:
-    """Call ``change``, which needs vented springs and released actuators; a bench at rest reaches this state itself."""
+    """Call ``change``, which needs vented springs and released actuators; wait until a bench at rest reaches this
+    state.
+    """
     bench = run.bench
     deadline, said = bench.now + LET_OFF_WITHIN, False
     while True:

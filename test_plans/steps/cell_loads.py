@@ -1,4 +1,4 @@
-"""How the load cells share what presses on them: how far ahead of the middle it acts, and what nothing asks for."""
+"""Checks of the load cells: crosstalk, position of the force, and internal forces between the cells."""
 
 from __future__ import annotations
 
@@ -53,7 +53,9 @@ Steps = Sequence[Mapping[str, float]]
 
 
 def check_across(run: Run, cells: Sequence[str], read: Steps, *, over: float) -> None:
-    """Check which share of a force upward each of the ``cells`` across reads; steps were ``read`` ``over`` seconds."""
+    """Check the crosstalk of an upward force in each of the lateral ``cells``; each step was averaged for ``over``
+    s.
+    """
     for cell in cells:
         name = ACROSS.of(cell=cell)
         if run.can(name, needs=(cell,)):
@@ -62,7 +64,9 @@ def check_across(run: Run, cells: Sequence[str], read: Steps, *, over: float) ->
 
 
 def check_ahead(run: Run, force: str, read: Steps, *, over: float) -> None:
-    """Check how far ahead a ``force`` acts that grew from step to step; each was ``read`` ``over`` so many seconds."""
+    """Check the longitudinal position of a ``force`` that grew from step to step; each step was averaged for ``over``
+    s.
+    """
 
     def ahead(rig: Rig, *means: Mapping[str, float]) -> float:
         return straight_line(*ahead_of(_of_cells(rig, means), rig, force))[1]
@@ -72,7 +76,7 @@ def check_ahead(run: Run, force: str, read: Steps, *, over: float) -> None:
 
 
 def check_against(run: Run, read: Steps, *, over: float) -> None:
-    """Check which share of a force upward a cell bears for nothing; each step was ``read`` ``over`` so many seconds."""
+    """Check the internal force of the cells per upward force; each step was averaged for ``over`` s."""
 
     def most(rig: Rig, *means: Mapping[str, float]) -> float:
         values = _of_cells(rig, means)
@@ -84,7 +88,7 @@ def check_against(run: Run, read: Steps, *, over: float) -> None:
 
 
 def _of_cells(rig: Rig, read: Steps) -> dict[str, Samples]:
-    """Return what the cells read of which it is known how they stand."""
+    """Return the readings of the cells with a stated position and direction."""
     known = [cell for cell in described(rig) if cell in read[0]]
     return {cell: np.array([one[cell] for one in read]) for cell in known}
 

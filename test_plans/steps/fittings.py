@@ -46,7 +46,7 @@ def leave_connected(run: Run) -> None:
 
 
 def leave_as_built(run: Run) -> None:
-    """Make the bench safe and fit the plates that it was built with, without a pipe."""
+    """Make the bench safe, fit its original plates and remove the pipe."""
     with ExitStack() as last_first:
         last_first.callback(fit_plate, run, PLATE)
         last_first.callback(fit_pipe, run, "off")

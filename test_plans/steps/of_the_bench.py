@@ -1,4 +1,4 @@
-"""Limits that go with the bench: of roll with the spacing of its springs, of the track with the mass of its bolster."""
+"""Limits that depend on the bench: of the roll on the spacing of its springs, of the track on its bolster's mass."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ ALIKE: Final = {SPACING: 0.02, MASS: 0.05}
 
 
 def stated(run: Run, name: str, *checks: str) -> bool:
-    """Return whether specimen and rig both state a dimension; if not, the ``checks`` are *not available*, and why."""
+    """Return whether specimen and rig both state a dimension; if not, the ``checks`` are *not available*, with the
+    reason.
+    """
     if name not in run.specimen.bench:
         run.not_available(
             checks,
@@ -30,10 +32,10 @@ def stated(run: Run, name: str, *checks: str) -> bool:
 
 
 def check_roll_stiffness(run: Run, name: str, value: Measured, band: Band, note: str = "") -> None:
-    """Check a roll stiffness (N·m/rad) of the pair against what the specimen states of it.
+    """Check a roll stiffness (N·m/rad) of the pair against the limits of the specimen.
 
-    The springs' part is 2 b² k: limits go with the square of the spacing. What does not (2 K_φ, 3 % of it) is far
-    within them.
+    The vertical springs contribute 2 b² k, so the limits are scaled by the square of the spacing. The rest (2 K_φ, 3 %)
+    is small against the limits.
     """
     if not stated(run, SPACING, name):
         return
@@ -45,15 +47,15 @@ def check_roll_stiffness(run: Run, name: str, value: Measured, band: Band, note:
 
 
 def of_the_stated_mass(ratio: complex, rig: Rig, mass: float) -> complex:
-    """Return bolster over platform for a bolster of ``mass`` (kg), from the ``ratio`` with that of the rig.
+    """Return the ratio bolster over platform for a bolster of ``mass`` (kg), from the ``ratio`` for the rig's bolster.
 
-    Under constant preload it is K/(K − m ω²/2): m ω²/(2K) = 1 − 1/ratio goes with the mass.
+    Under constant preload it is K/(K − m ω²/2), so m ω²/(2K) = 1 − 1/ratio is proportional to the mass.
     """
     return 1 / (1 - mass / rig[MASS] * (1 - 1 / ratio))
 
 
 def bench_mismatch(run: Run) -> str:
-    """Return in words how the rig differs from the bench that limits are stated for, "" if it hardly does."""
+    """Return a text on the differences of the rig from the bench for which limits are stated; "" if they are small."""
     differences = []
     for name, within in ALIKE.items():
         here, there = run.rig[name], run.specimen.bench.get(name)

@@ -1,4 +1,4 @@
-"""How the springs stand: at design height, sheared and rolled; and what the bench reads there."""
+"""Poses of the springs, at design height, sheared or rolled, and the readings there."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def go_home(run: Run) -> Home:
 
 
 def take_pose(run: Run, home: Home, *, shear: float = 0.0, roll: float = 0.0, height: float = 0.0) -> None:
-    """Shear, roll and lift both springs (m, rad, m), bolster and platform together; wait until they are there."""
+    """Shear, roll and lift both springs (m, rad, m) with bolster and platform together; wait until they arrive."""
     commander = run.bench.commander
     to = pose(run.rig, shear, roll)
     up = lifted(run.rig, to.bolster_roll)
@@ -101,7 +101,7 @@ POSE_SAMPLES: Final = 20
 
 @dataclass(frozen=True, slots=True)
 class PoseReading:
-    """What the bench reads in one pose (SI), per spring: the mean of both."""
+    """Readings in one pose (SI), per spring as the mean of both."""
 
     shear: float
     height: float
@@ -147,7 +147,7 @@ def pose_of(mean: Mapping[str, float], rig: Rig) -> PoseReading:
 
 
 def restore_the_air(run: Run, pressures: Mapping[str, float]) -> None:
-    """Give each side the pressure back that it had, from below and from above, and shut the valves."""
+    """Restore the earlier pressure of each side, from below and from above, and shut the valves."""
     air = run.bench.air
     left, right = (pressures[f"{side}.auxiliary_pressure"] for side in SIDES)
     for change in (air.fill, air.vent):

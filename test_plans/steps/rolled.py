@@ -1,4 +1,4 @@
-"""Lateral stiffness of springs that are rolled and sheared at once."""
+"""Lateral stiffness of springs that are rolled and sheared together."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ COOL_BEFORE_LAST: Final = 20 * s
 
 @dataclass(slots=True)
 class RollAngle:
-    """Lateral stiffness of rolled springs at y = +20 mm: secant and first harmonic, and how the pressures part."""
+    """Lateral stiffness of rolled springs at y = +20 mm: secant, first harmonic, and pressure difference."""
 
     rolls: list[float] = field(default_factory=list)
     secants: list[float] = field(default_factory=list)
@@ -45,7 +45,7 @@ class RollAngle:
     known: list[tuple[Measured, Known]] = field(default_factory=list)  #: secant and first harmonic
 
     def measure(self, run: Run, home: Home, angles: Sequence[float]) -> None:
-        """Roll by each angle, first to one side and then to the other; sine of 5 mm about y = +20 mm."""
+        """Measure at each angle, first to one side and then to the other, with a sine of 5 mm about y = +20 mm."""
         rest = run.bench.averages(*PRESSURES, over=steps.AVERAGE_OVER)
         for side in (1.0, -1.0):
             self._measure(run, home, 0.0, lead=ROLL_CENTRING)
@@ -74,7 +74,7 @@ class RollAngle:
         self.differences.append(left - right)
 
     def keep(self, run: Run, load: Load, valve: str) -> None:
-        """Keep secant, first harmonic and pressure difference over the roll angle."""
+        """Record secant, first harmonic and pressure difference over the roll angle."""
         order = np.argsort(self.rolls)
         rolls = np.array(self.rolls)[order]
         name = f"{load.name}, valve {valve}"
@@ -98,9 +98,9 @@ class RollAngle:
     def judge(
         self, run: Run, evaluate: Callable[[list[float], list[float]], tuple[float, ...]], *rolls: float
     ) -> tuple[Measured, ...]:
-        """Return what ``evaluate`` makes of secants and K' (N/m) at some roll angles (rad), with its uncertainty.
+        """Return the result of ``evaluate`` for secants and K' (N/m) at some roll angles (rad), with its uncertainty.
 
-        Each is measured nearest to its angle; level, it is the mean of both times.
+        For each angle the nearest measurement is used; for level, the mean of both.
         """
         near = [self._near(roll) for roll in rolls]
         used = sorted({place for places in near for place in places})
@@ -126,6 +126,6 @@ class RollAngle:
 
 
 def _secant(values: Values, rig: Rig) -> float:
-    """Return F/y (N/m) of one spring, of the means of both."""
+    """Return F/y (N/m) of one spring, from mean values."""
     force = -0.5 * float(sideways_force({cell: values[cell].mean() for cell in cells_in(values)}, rig))
     return force / float(shear_of(values, rig).mean())

@@ -79,7 +79,7 @@ LATERAL_NEEDS: Final = (
 
 
 def vertical_needs(rig: Rig, side: str) -> tuple[str, ...]:
-    """Return what the vertical stiffness of one spring needs."""
+    """Return the signals and dimensions that the vertical stiffness of one spring needs."""
     seen = (f"{side}.height", *cells_under(rig, side))
     return (*seen, *GENERATOR, "generator.axis", *CELLS, *LASERS, *lags(seen))
 
@@ -93,8 +93,8 @@ def shake(
 ) -> tuple[Samples, dict[str, Samples]]:
     """Run a wave of 5 mm and return the aligned samples of its whole cycles at full amplitude.
 
-    A wave that was disturbed is run again. If it never becomes one, the bench moves so by itself: the best is returned,
-    and the result warns. A rig with amplitude control repeats it until the motion has this amplitude.
+    A disturbed wave is repeated. If it stays disturbed, the cause is the bench itself: the best wave is returned, and
+    the result has a warning. A rig with amplitude control repeats the wave until the motion has this amplitude.
     """
     moving = MOTION[axis]
 
@@ -168,12 +168,12 @@ def generator_cycles(
 
 
 def spring_motion(values: Values, rig: Rig, side: str) -> tuple[Samples, Samples]:
-    """Compression of a spring (m) and the force on it (N), both growing downward."""
+    """Return the compression of a spring (m) and the force on it (N), both positive downward."""
     return -height_of_spring(values, rig, side), load_on(values, rig, side)
 
 
 def lateral_motion(values: Values, rig: Rig) -> tuple[Samples, Samples]:
-    """Displacement of the bolster (m) and the force that the springs oppose to it (N)."""
+    """Return the displacement of the bolster (m) and the force of the springs against it (N)."""
     return values["lateral.displacement"], -sideways_force(values, rig)
 
 
@@ -189,7 +189,7 @@ def check_secant(
     motion_of: Callable[[Values, Rig], tuple[Samples, Samples]],
     band: Band,
 ) -> None:
-    """Check the slope (N/m) of a slow loop from end to end; ``motion_of`` makes motion and force of the readings."""
+    """Check the secant slope (N/m) of a slow loop; ``motion_of`` computes motion and force from the readings."""
 
     def secant(rig: Rig, values: Values) -> float:
         motion, force = motion_of(values, rig)
@@ -203,7 +203,7 @@ def check_secant(
 
 
 class MeasuredStiffness(NamedTuple):
-    """What a complex stiffness at one frequency consists of, each with its uncertainty."""
+    """The parts of a complex stiffness at one frequency, each with its uncertainty."""
 
     storage: Measured  #: K' in N/m
     damping: Measured  #: c = K''/ω in N·s/m
@@ -215,7 +215,7 @@ class MeasuredStiffness(NamedTuple):
 def measure_stiffness(
     run: Run, stiffness: Callable[[Rig, Values], Stiffness], values: Values
 ) -> MeasuredStiffness:
-    """Return what ``stiffness`` makes of readings."""
+    """Return the parts of the stiffness that ``stiffness`` computes from readings."""
 
     def parts(rig: Rig, values: Values) -> tuple[float, ...]:
         K = stiffness(rig, values)
@@ -231,7 +231,7 @@ def check_stiffness(
     storage: Mapping[str, Band] | None = None,
     damping: Mapping[str, Band] | None = None,
 ) -> MeasuredStiffness:
-    """Check K' and c of what ``stiffness`` makes of readings, by name of the check with its limits."""
+    """Check K' and c that ``stiffness`` computes from readings, against limits by name of the check."""
     found = measure_stiffness(run, stiffness, values)
     for one, unit, bands in ((found.storage, "kN/m", storage), (found.damping, "kN*s/m", damping)):
         for name, band in (bands or {}).items():
@@ -240,7 +240,7 @@ def check_stiffness(
 
 
 def keep_loop(run: Run, name: str, what: str, motion: Samples, force: Samples) -> None:
-    """Keep force over displacement, both about their means, for the report."""
+    """Record force over displacement, both about their means, for the report."""
     run.loop(
         name,
         Axis("displacement", "mm", mm),
@@ -258,7 +258,7 @@ def keep_sweep(
     found: Sequence[MeasuredStiffness],
     sweep: Sequence[tuple[float, Band, Band]],
 ) -> None:
-    """Keep K', K'', c and tan δ over the frequencies of ``sweep`` for the report; K' and c have its limits."""
+    """Record K', K'', c and tan δ over the frequencies of ``sweep`` for the report; K' and c with its limits."""
     frequencies = [frequency for frequency, _, _ in sweep]
     for quantity, values, limits in (
         (STORAGE, [one.storage for one in found], [storage for _, storage, _ in sweep]),

@@ -109,7 +109,7 @@ BALANCED_BY: Final = (
 def vertical_loop(run: Run, load: Load, way: Literal["slow", "open", "closed"] = "slow") -> None:
     """Measure the quasi-static vertical stiffness of each spring: a slow triangle of 5 mm to either side.
 
-    ``closed``: with the auxiliary volumes shut off, which is another user's doing.
+    ``closed``: with the auxiliary volumes shut off, which the caller does.
     """
     names = {side: VERTICAL_SECANT[way].of(side=side) for side in SIDES}
     sides = [side for side in SIDES if run.can(names[side], needs=vertical_needs(run.rig, side))]
@@ -160,7 +160,7 @@ def vertical_sweep(run: Run, load: Load) -> None:
 def _names(
     names: Sequence[CheckName], sweep: Sequence[tuple[float, Band, Band]], side: str = ""
 ) -> list[CheckName]:
-    """Return what the checks of a ``sweep`` are called: stiffness and damping at each of its frequencies."""
+    """Return the names of the checks of a ``sweep``: stiffness and damping at each of its frequencies."""
     return [one.of(side=side, frequency=frequency) for frequency, *_ in sweep for one in names]
 
 
@@ -182,7 +182,7 @@ def _check_balance(run: Run, name: str, times: Samples, values: Values, frequenc
 
 
 def _balance(times: Samples, frequency: float, rig: Rig, values: Values) -> float:
-    """Compare load cells with actuators, which also move the bolster: ΣF_cells = ΣF_act − m ẍ (downward)."""
+    """Compare load cells with actuators, which also accelerate the bolster: ΣF_cells = ΣF_act − m ẍ (downward)."""
     actuators = values["vertical_left.force"] + values["vertical_right.force"]
     motion = -0.5 * (values["left.height"] + values["right.height"])
     cells = upward_force(values, rig)

@@ -1,6 +1,6 @@
-"""How far wind, track and roll will move the bolster toward its bump stop, by what the specimen's file states.
+"""Prediction of the bolster's travel toward its bump stop under wind, track and roll, from the specimen's limits.
 
-A plan compares it with the gap of the stop before anything moves.
+A plan compares it with the gap of the stop before any motion.
 """
 
 from collections.abc import Mapping
@@ -27,10 +27,10 @@ ROLL_STIFFNESS: Final = "crosswind_and_track.roll_stiffness"
 
 
 def blown(load: Load, rig: Rig, force: Samples, pressure: float) -> Samples:
-    """Return the lateral travel (m) of the bolster that the softest springs within their limits allow under a wind of
-    ``force`` (N).
+    """Return the lateral travel (m) of the bolster on the softest springs within their limits, under a wind ``force``
+    (N).
 
-    The track keeps the springs in motion, so friction does not hold them. ``pressure`` is the part of the load's own.
+    The track keeps the springs in motion, so friction does not hold them. ``pressure`` is relative to that of the load.
     """
     stiffness = load.limits.band(ROLL_STIFFNESS, "kN*m/rad").low or inf
     return np.asarray(
@@ -40,9 +40,9 @@ def blown(load: Load, rig: Rig, force: Samples, pressure: float) -> Samples:
 
 
 def leaned(load: Load, rig: Rig, roll: float, pressure: float) -> tuple[float, float]:
-    """Return how far (m) a ``roll`` (rad) by unequal preload moves the bolster: while friction holds it, and without.
+    """Return the travel (m) of the bolster at a ``roll`` (rad) by unequal preload, with friction and without.
 
-    The coupling of shear and roll pushes it sideways.
+    It results from the coupling of shear and roll.
     """
     curve = load.limits.curve("roll_coupling.force", "kN")
     force = 2 * np.interp(roll, *_odd([*curve], [_middle(band) for band in curve.values()]))
@@ -53,9 +53,10 @@ def leaned(load: Load, rig: Rig, roll: float, pressure: float) -> tuple[float, f
 def shaken(
     load: Load, rig: Rig, times: Samples, platform: Samples, frequency: float, pressure: float
 ) -> Samples:
-    """Return how far (m) the bolster goes from the ``platform`` (m), which moves at ``frequency`` (Hz).
+    """Return the travel (m) of the bolster relative to the ``platform`` (m), which moves at ``frequency`` (Hz).
 
-    A mass on a complex stiffness that depends on the amplitude, by their spectra; the platform begins and ends at 0.
+    The model is a mass on a complex stiffness that depends on the amplitude, solved by spectra; the platform begins and
+    ends at 0.
     """
     count = 2 * times.size
     omega = tau * np.fft.rfftfreq(count, times[1] - times[0])
@@ -80,7 +81,9 @@ def shaken(
 
 
 def _sheared(load: Load, force: Samples | float, pressure: float, friction: float) -> Samples:
-    """Return how far (m) a ``force`` (N) shears the softest pair that has no ``friction`` (N) to hold it."""
+    """Return the shear (m) of the softest pair under a ``force`` (N), with ``friction`` (N) subtracted from its
+    curve.
+    """
     more = _stiffer(load, pressure)
     soft = {
         way: ((band.low or 0.0) + more) * way - friction
@@ -92,19 +95,21 @@ def _sheared(load: Load, force: Samples | float, pressure: float, friction: floa
 
 
 def _odd(x: list[float], y: list[float]) -> tuple[list[float], list[float]]:
-    """Return a rising curve that is odd, from its part above 0."""
+    """Return a rising odd curve from its positive part."""
     return [*(-one for one in reversed(x)), 0.0, *x], [*(-one for one in reversed(y)), 0.0, *y]
 
 
 def _friction(load: Load) -> float:
-    """Return the friction of the pair (N): a loop of friction F has the area 4 F a, one of damping c has π ω c a²."""
+    """Return the friction of the pair (N) from its damping: a friction loop has the area 4 F a, a damping loop π ω c
+    a².
+    """
     damping = load.limits.curve("lateral_damping_by_amplitude")
     widest = max(damping)
     return 2 * 0.25 * pi * tau * SLOW * _middle(damping[widest]) * widest
 
 
 def _stiffer(load: Load, pressure: float) -> float:
-    """Return how much stiffer (N/m) the pair is at ``pressure`` times the load's own."""
+    """Return the additional stiffness (N/m) of the pair at ``pressure``, relative to that of the load."""
     by_pressure = _middle(load.limits.band("lateral_stiffness_by_pressure"))
     return 2 * by_pressure * (pressure - 1.0) * load.fill_pressure
 

@@ -51,5 +51,5 @@ def keep(
     ys: Sequence[float | Measured],
     limits: Iterable[Band] = (),
 ) -> None:
-    """Keep ``ys`` over ``xs`` (SI) as one curve of the plot ``group``, with the ``limits`` of each point, if any."""
+    """Record ``ys`` over ``xs`` (SI) as one curve of the plot ``group``, with the ``limits`` of each point, if any."""
     run.curve(name, _axis(*x), _axis(*y), xs, ys, group=group, limits=limits)

@@ -1,4 +1,4 @@
-"""The answer to the track under constant preload, and rolling by unequal preload."""
+"""Response to the track under constant preload, and rolling by unequal preload."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ PISTONS: Final = tuple(f"vertical_{side}.displacement" for side in SIDES)
 
 
 def track_excitation(run: Run) -> None:
-    """Move the platform as a track would, a unilateral cosine of 5 mm, under constant preload; look at the bolster."""
+    """Move the platform by a unilateral cosine of 5 mm, as on a track, under constant preload; measure the bolster."""
     bench = run.bench
     if not run.can(
         PASSED_ON,
@@ -99,7 +99,7 @@ def _answer(
 ) -> tuple[float, float]:
     """Return the motion of the bolster over that of the platform, first harmonic, and its peak (m).
 
-    Both for a bolster of ``mass`` (kg). The peak is half the platform's travel plus half the bolster's.
+    Both are for a bolster of ``mass`` (kg). The peak is half the platform's travel plus half the bolster's.
     """
     platform = values["platform.vertical"] - values["platform.vertical"][0]
     spring = 0.5 * (values["left.height"] + values["right.height"])
@@ -113,7 +113,7 @@ def _answer(
 
 
 def roll_by_unequal_preload(run: Run, load: Load) -> None:
-    """Load the two sides unequally, first the left more, then the right; the air stays locked."""
+    """Load the two sides unequally, first the left more, then the right, with locked air."""
     bench = run.bench
     # A bolster that is held sideways rolls about another axis: a quarter to a third stiffer.
     if not run.can(ROLL_STIFFNESS, PARTED, needs=(*FREE_SIDEWAYS, *ACTUATORS, *LASERS)):
@@ -142,10 +142,10 @@ def roll_by_unequal_preload(run: Run, load: Load) -> None:
 def description_contradicted(
     run: Run, one: Mapping[str, float], other: Mapping[str, float], stiffness: float
 ) -> str:
-    """Return in words which dimension a roll of the free bolster contradicts, by means at two rests; "" if none.
+    """Return a text on the dimension that a roll of the free bolster contradicts, by means at two rests; "" if none.
 
-    Lasers and pistons show the same roll, load cells and actuators the same moment. Where only one of both is wrong, it
-    is the place of the lasers or of the cells; where both are, that of the actuators.
+    Lasers and pistons measure the same roll, load cells and actuators the same moment. If only one of both disagrees,
+    the position of lasers or cells is wrong; if both disagree, that of the actuators.
     """
     found = {}
     if all(name in one for name in PISTONS) and not run.rig.lacks("vertical_frame_stiffness"):
@@ -171,7 +171,7 @@ def description_contradicted(
 
 
 def _roll_ratio(rig: Rig, one: Mapping[str, float], other: Mapping[str, float]) -> float:
-    """Return the roll that the lasers see over that of the pistons, whose frames give way."""
+    """Return the roll from the lasers over that from the pistons, corrected for the deflection of the frames."""
     more = {name: np.asarray(other[name] - one[name]) for name in one}
     left, right = (
         more[f"vertical_{side}.displacement"]
@@ -183,7 +183,7 @@ def _roll_ratio(rig: Rig, one: Mapping[str, float], other: Mapping[str, float]) 
 
 
 def _moment_ratio(rig: Rig, one: Mapping[str, float], other: Mapping[str, float]) -> float:
-    """Return the moment that the load cells bear over that of the vertical actuators."""
+    """Return the moment of the load cells over that of the vertical actuators."""
     more = {name: np.asarray(other[name] - one[name]) for name in one}
     return float(cell_moment(more, rig) / actuator_moment(more, rig))
 
@@ -191,7 +191,7 @@ def _moment_ratio(rig: Rig, one: Mapping[str, float], other: Mapping[str, float]
 def _spacing_contradicted(
     run: Run, one: Mapping[str, float], other: Mapping[str, float], stiffness: float
 ) -> str:
-    """Return in words that the springs stand elsewhere: K_roll = (k_l + k_r) b² of springs that are good upright.
+    """Return a text if the springs have another spacing than stated: K_roll = (k_l + k_r) b² for springs with sound k.
 
     Air that passes between the springs lowers K_roll as well, but then their pressures hardly change.
     """
@@ -217,9 +217,9 @@ def _spacing_contradicted(
 
 
 def _between(rig: Rig, one: Mapping[str, float], other: Mapping[str, float]) -> tuple[float, float]:
-    """Return roll stiffness (N·m/rad) and half the swing of the pressures (Pa) between two rolls.
+    """Return roll stiffness (N·m/rad) and half the change of the pressure difference (Pa) between two rolls.
 
-    What a transducer is off by falls out of the differences.
+    Offsets of transducers cancel in the differences.
     """
     more = {name: np.asarray(other[name] - one[name]) for name in one}
     stiffness = float(actuator_moment(more, rig) / roll_of(more, rig))

@@ -1,4 +1,4 @@
-"""Sines at any frequency, and what springs answer: complex stiffness per spring, without the bench's own give."""
+"""Sines at any frequency, and the complex stiffness per spring, corrected for the compliance of the bench."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def _once(
 
 
 def vertical_stiffness(times: Samples, rig: Rig, values: Values, frequency: float) -> Stiffness:
-    """Complex vertical stiffness per spring, the mean of both, from lasers and load cells."""
+    """Return the complex vertical stiffness per spring, the mean of both, from lasers and load cells."""
     heights = 0.5 * (values["left.height"] + values["right.height"])
     loads = 0.5 * upward_force(values, rig)
     X = -harmonic(rig, times, heights, frequency, *HEIGHTS)
@@ -151,13 +151,15 @@ def vertical_stiffness(times: Samples, rig: Rig, values: Values, frequency: floa
 
 
 def stiffness_of_side(times: Samples, rig: Rig, values: Values, frequency: float, side: str) -> Stiffness:
-    """Complex vertical stiffness of one spring."""
+    """Return the complex vertical stiffness of one spring."""
     late = lag_of(rig, f"{side}.height"), lag_of(rig, *cells_under(rig, side))
     return dynamic_stiffness(times, *spring_motion(values, rig, side), frequency, lags=late)
 
 
 def lateral_stiffness(times: Samples, rig: Rig, values: Values, frequency: float) -> Stiffness:
-    """Complex lateral stiffness per spring (half of the pair's), free of what frame and bolster give way."""
+    """Return the complex lateral stiffness per spring (half of the pair's), corrected for frame and bolster
+    compliance.
+    """
 
     def of(name: str) -> complex:
         return harmonic(rig, times, values[name], frequency, name)
@@ -177,7 +179,7 @@ def lateral_stiffness(times: Samples, rig: Rig, values: Values, frequency: float
 
 
 class Known(NamedTuple):
-    """What a sine reports of a stiffness, each with its uncertainty."""
+    """Results of a sine for one stiffness, each with its uncertainty."""
 
     size: Measured
     storage: Measured
@@ -191,7 +193,7 @@ def know(
     frequency: float,
     stiffness: Callable[[Samples, Rig, Values, float], Stiffness],
 ) -> Known:
-    """Return what the samples of a sine say of a ``stiffness``, for its curves."""
+    """Return the values of a ``stiffness`` from the samples of a sine, for its curves."""
 
     def evaluate(rig: Rig, read: Values) -> tuple[float, float, float]:
         K = stiffness(times, rig, read, frequency)
@@ -206,9 +208,9 @@ def measure_sines(
     stiffness: Callable[[Samples, Rig, Values, float], Stiffness],
     evaluate: Callable[[list[Stiffness]], float],
 ) -> Measured:
-    """Return what ``evaluate`` makes of the ``stiffness`` of several sines, with its uncertainty.
+    """Return the result of ``evaluate`` on the ``stiffness`` of several sines, with its uncertainty.
 
-    A piece is wrong in all of them alike: what that does to a ratio falls out.
+    An instrument has the same error in all sines, which cancels in a ratio.
     """
 
     def computed(rig: Rig, *read: Values) -> float:
@@ -223,5 +225,5 @@ def measure_sines(
 
 
 def pressure_of(values: Mapping[str, Samples]) -> float:
-    """Mean gauge pressure of both bellows (Pa)."""
+    """Return the mean gauge pressure of both bellows (Pa)."""
     return float(np.mean([values[f"{side}.bellows_pressure"].mean() for side in SIDES]))

@@ -1,7 +1,7 @@
 """Wind on a car: the side force on one bogie and its moment, in a single gust or in a stochastic wind.
 
-The train runs with V_t square to a wind W. All of it is assumed, after the literature: the force of a side wind with
-the shape of Baker's correlations, a gust with that of EN 14067-6, von Kármán's spectrum seen from a moving train.
+The train runs at V_t perpendicular to a wind W. All values are assumed, from the literature: the side force with
+Baker's correlations, a gust as in EN 14067-6, and von Kármán's spectrum seen from a moving train.
 """
 
 from collections.abc import Mapping
@@ -43,7 +43,7 @@ STEP: Final = 0.01 * s
 
 
 def side_force(wind: Samples | float, train_speed: float, car: Car = CAR) -> Samples:
-    """Return ½ ρ A C(β) V_r² / 2 in N, the half that one bogie bears; ``wind`` and ``train_speed`` in m/s.
+    """Return the side force on one bogie, ½ ρ A C(β) V_r² / 2 (N); ``wind`` and ``train_speed`` in m/s.
 
     C(β) = C₉₀ min(1, sin β / sin β_s)^1.2 with β = atan2(W, V_t) and V_r² = V_t² + W².
     """
@@ -54,7 +54,7 @@ def side_force(wind: Samples | float, train_speed: float, car: Car = CAR) -> Sam
 
 
 def gust(peak: float, train_speed: float, times: Samples, middle: float, car: Car = CAR) -> Samples:
-    """Return the wind (m/s) at ``times`` (s, even steps) of a gust that would reach ``peak`` in its ``middle`` (s).
+    """Return the wind (m/s) of a gust at equally spaced ``times`` (s), whose local ``peak`` is at ``middle`` (s).
 
     U (1 + 0.6946 e^{−|x|/L}), x = V_t (t − t_m), averaged over the length of the car.
     """
@@ -66,7 +66,7 @@ def gust(peak: float, train_speed: float, times: Samples, middle: float, car: Ca
 
 
 def spectrum(f: Samples, mean: float, train_speed: float) -> Samples:
-    """Return von Kármán's one-sided spectrum (m²/s² per Hz) of a wind of ``mean`` (m/s) as the moving train meets it.
+    """Return von Kármán's one-sided spectrum (m²/s² per Hz) of a wind of ``mean`` (m/s), as seen from the moving train.
 
     f S/σ² = 4x/(1 + 70.8x²)^{5/6} [c² + (1 − c²)(0.5 + 94.4x²)/(1 + 70.8x²)], x = f L/V_r, c = U/V_r, σ = 0.15 U
     (Cooper's moving observer).
@@ -79,12 +79,14 @@ def spectrum(f: Samples, mean: float, train_speed: float) -> Samples:
 
 
 def admittance(f: Samples, mean: float, train_speed: float, car: Car = CAR) -> Samples:
-    """Return how much of the spectrum is left in the mean over the car: 1/(1 + (2 f B/V_r)^1.2)."""
+    """Return the share of the spectrum that remains in the mean over the car: 1/(1 + (2 f B/V_r)^1.2)."""
     return np.asarray(1.0 / (1.0 + (2.0 * f * car.length / np.hypot(train_speed, mean)) ** 1.2))
 
 
 def random_process(times: Samples, density: Samples, generator: np.random.Generator) -> Samples:
-    """Return a stationary Gaussian process (n,) at even ``times``; its one-sided ``density`` stands at k/T to n/2T."""
+    """Return a stationary Gaussian process (n,) at equally spaced ``times``, from its one-sided ``density`` at 0 to
+    n/2T.
+    """
     n, step = times.size, times[1] - times[0]
     parts = generator.standard_normal((2, density.size))
     half = (parts[0] + 1j * parts[1]) * 0.5 * np.sqrt(density / (n * step)) * n
@@ -93,15 +95,15 @@ def random_process(times: Samples, density: Samples, generator: np.random.Genera
 
 
 def fade(times: Samples, rise: float = RISE) -> Samples:
-    """Return what makes of anything a waveform: 0 at both ends, 1 in between, half a cosine of ``rise`` s each."""
+    """Return a window over ``times``: 0 at both ends, 1 in between, with half-cosine edges of ``rise`` s."""
     edge = np.clip(np.minimum(times, times[-1] - times) / rise, 0.0, 1.0)
     return np.asarray(0.5 * (1.0 - np.cos(pi * edge)))
 
 
 def on_the_bolster(force: Samples, rig: Mapping[str, float], car: Car = CAR) -> dict[str, Samples]:
-    """Return what the actuators add for a wind of ``force`` (N) on the bogie, by the reading that follows.
+    """Return the contribution of each actuator to a wind ``force`` (N) on the bogie, by reading.
 
-    The lateral actuator pushes lower than the wind: what its moment lacks the vertical ones make, one more, one less.
+    The lateral actuator acts below the wind; the vertical actuators supply the missing moment with opposite forces.
     """
     arm = car.pressure_height - (rig["centre_height"] + rig["lateral_actuator_height"])
     left, right = (rig[one] for one in ACTUATORS)
