@@ -28,11 +28,11 @@ _PAGE: Final = Markup("""\
 <body>
 <main>
 <header>
-<div class="masthead"><span><b>ASTB</b>&ensp;Air spring test bench</span><span>{kind}</span></div>
+{top}<div class="masthead"><span><b>ASTB</b>&ensp;Air spring test bench</span><span>{kind}</span></div>
 <h1>{heading}</h1>
 {head}</header>
 {sections}</main>
-</body>
+{scripts}</body>
 </html>
 """)
 
@@ -77,6 +77,8 @@ class Document(NamedTuple):
     banner: Banner | Markup | None = None
     facts: Iterable[tuple[str, Any]] = ()
     style: str = ""
+    top: Markup = Markup()  #: above the first line
+    scripts: Markup = Markup()
 
     def html(self) -> str:
         """Return the page."""
@@ -89,6 +91,8 @@ class Document(NamedTuple):
             style=Markup(_style() + self.style),
             head=joined(head),
             sections=joined(self.sections),
+            top=self.top,
+            scripts=self.scripts,
         )
 
 
@@ -105,15 +109,15 @@ def element(name: str, content: Any, kind: str = "", **attributes: str) -> Marku
 
 
 def key_facts(facts: Iterable[tuple[str, Any]]) -> Markup:
-    """Return names with their values side by side; empty without any."""
+    """Return names with their values next to each other; empty without any."""
     told = joined(Markup("<div><dt>{}</dt><dd>{}</dd></div>").format(*fact) for fact in facts)
     return element("dl", told, "key") + "\n" if told else told
 
 
-def section(heading: str, *parts: Any, anchor: str = "") -> Markup:
+def section(heading: str, *parts: Any, anchor: str = "", kind: str = "") -> Markup:
     """Return a section of a page; a part that is text becomes a paragraph."""
     told = (one if isinstance(one, Markup) else paragraph(one) for one in parts)
-    return element("section", joined(["\n", element("h2", heading), "\n", *told]), id=anchor) + "\n"
+    return element("section", joined(["\n", element("h2", heading), "\n", *told]), kind, id=anchor) + "\n"
 
 
 def subheading(text: str) -> Markup:
@@ -154,30 +158,31 @@ def pairs(drawings: Iterable[str]) -> Markup:
 
 
 def table(
-    columns: str | Iterable[str | Cell], rows: Iterable[TableRow | Sequence[Any]], kind: str = ""
+    columns: str | Iterable[str | Cell], rows: Markup | Iterable[TableRow | Sequence[Any]], kind: str = ""
 ) -> Markup:
     """Return a table, empty without rows; the class of a column holds for its cells.
 
     ``columns`` may be one text, such as "channel | noise :n | :u": heads, each with its class behind a colon.
-    A float has three digits, and None is a dash.
+    A float has three digits, and None is a dash. ``rows`` may be finished bodies of the table.
     """
     if isinstance(columns, str):
         parts = (one.partition(":") for one in columns.split("|"))
         columns = [Cell(name.strip(), form.strip()) for name, _, form in parts]
     heads = [one if isinstance(one, Cell) else Cell(one) for one in columns]
     top = element("tr", joined(element("th", one.text, one.kind) for one in heads))
-    lines = (one if isinstance(one, TableRow) else TableRow(one) for one in rows)
-    body = joined(
-        (element("tr", joined(map(_cell, line.cells, heads)), line.tone) + "\n" for line in lines),
-    )
-    told = element("thead", top) + "\n" + element("tbody", body)
-    return element("table", told, kind, tabindex="0") + "\n" if body else body
+    if not isinstance(rows, Markup):
+        lines = [one if isinstance(one, TableRow) else TableRow(one) for one in rows]
+        told = joined(
+            element("tr", joined(map(_cell, line.cells, heads)), line.tone) + "\n" for line in lines
+        )
+        rows = element("tbody", told) if told else told
+    return element("table", element("thead", top) + "\n" + rows, kind, tabindex="0") + "\n" if rows else rows
 
 
 def facts_table(facts: Iterable[tuple[Any, Any]]) -> Markup:
-    """Return a table of names with their values, without a head."""
+    """Return a table of names with their values, without a head; empty without any."""
     body = joined(element("tr", element("td", name) + element("td", value)) + "\n" for name, value in facts)
-    return element("table", element("tbody", body), "facts") + "\n"
+    return element("table", element("tbody", body), "facts") + "\n" if body else body
 
 
 def _cell(told: Any, head: Cell) -> Markup:

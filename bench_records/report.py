@@ -4,27 +4,53 @@ from __future__ import annotations
 
 import inspect
 import os
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
+
+from markupsafe import Markup, escape
 
 from bench_records.check_table import CheckRow, bar_drawing, check_rows, meanings
 from bench_records.conformity import percent
 from bench_records.disk import kept
+from bench_records.document import (
+    NUMBER,
+    Banner,
+    Cell,
+    Document,
+    bullets,
+    caption,
+    drawing,
+    element,
+    facts_table,
+    joined,
+    key_facts,
+    pairs,
+    paragraph,
+    section,
+    table,
+)
 from bench_records.event_table import EVENT_ROWS, event_rows, first_trip, tabled_events
 from bench_records.incident import incident_of
-from bench_records.layout import REPORT, RESULT, put
+from bench_records.layout import REPORT, RESULT, Phase, put
 from bench_records.letterhead import CHOSEN, Letterhead, read_letterhead
-from bench_records.notes import notes_of
+from bench_records.notes import Note, notes_of
 from bench_records.plot_data import PlotData, asset, embedded
 from bench_records.record import Record, read
 from bench_records.replay import replay_of
-from bench_records.result import Check, CheckVerdict, Outcome, Result, read_result
-from bench_records.run_drawings import curve_plots, curve_tables, numbered, phase_strips, time_panels
+from bench_records.result import Check, CheckVerdict, Outcome, Result, Timing, read_result
+from bench_records.run_drawings import (
+    Drawn,
+    curve_plots,
+    curve_tables,
+    phase_list,
+    phase_strips,
+    time_panels,
+)
 from bench_records.run_folder import circumstances, flattened, result_without
 from bench_records.signing import ROLES, files_of, footing, identification, instruments_of
-from bench_records.templates import template
-from bench_records.twin import PARTS, read_twin
-from bench_records.typography import THIN_SPACE, fixed, plain, primed, seconds
+from bench_records.twin import PARTS, TwinStory, read_twin
+from bench_records.typography import THIN_SPACE, fixed, plain, primed
 
 #: Largest number of checks on the first page: not passed, and close to a limit.
 FAILED_ROWS: Final = 10
@@ -56,49 +82,262 @@ def report_page(directory: Path | str, letterhead: Letterhead | None = None) -> 
 def _render(record: Record, result: Result, directory: Path, letterhead: Letterhead) -> str:
     phases = record.phases or result.phases
     span = (0.0, max(record.duration, result.duration, 1e-3))
-    files, plots = files_of(directory), PlotData()
+    files, plots, twin = files_of(directory), PlotData(), read_twin(directory)
     replay = replay_of(record, plots)
-    # The data of a plot is added while the template is rendered, in the order of the plots on the page.
-    return template("report.html.j2").render(
-        result=result,
-        record=record,
-        letterhead=letterhead,
-        notes=notes_of(directory),
-        counts={verdict.value: result.count(verdict) for verdict in CheckVerdict},
-        paragraphs=_paragraphs(result.instruction, result.title),
-        rows=check_rows(result.checks),
-        notable=notable(result.checks),
-        meanings=meanings(result.checks),
-        surely=least_sure(result.checks),
-        bars=any(one.expanded for one in result.curves),
-        headline=headline(result),
-        circumstances=circumstances(record.meta),
-        bar=bar_drawing,
-        primed=primed,
-        plots=plots,
-        replay=replay,
-        replay_told=embedded(replay),
-        asset=asset,
-        identification=identification(record, result, span[1]),
-        instruments=instruments_of(record.meta),
-        files=files,
-        footing=footing(result, files),
-        roles=ROLES,
-        phases=[(number, phase, seconds(phase.duration)) for number, phase in numbered(phases)],
-        panels=time_panels(record, phases, span),
-        strips=phase_strips(record, phases, span),
-        curves=curve_plots(result.curves),
-        tables=curve_tables(result.curves),
-        timing=_timing(result),
-        story=first_trip(record),
-        incident=incident_of(record),
-        twin=read_twin(directory),
-        twin_parts=PARTS,
-        events=event_rows(record),
-        hidden_events=max(0, len(tabled_events(record)) - EVENT_ROWS),
-        facts=_facts(record.meta, result),
-        dimensions=_dimensions(record.meta),
+    # The sections add the data of their plots in the order of the page, before the scripts take all data.
+    sections = [
+        *_first_page(result, files, str(record.meta.get("operator") or "")),
+        *_conditions(result, record, twin),
+        *_results(result, plots),
+        *_course(record, phases, span, plots, replay),
+        *_appendix(result, record, directory),
+    ]
+    heads = (("customer", letterhead.customer), ("order", letterhead.order))
+    known = (
+        (one.name, one.text or element("small", "not recorded", "blank"))
+        for one in identification(record, result, span[1])
     )
+    foot = f'@page {{ @bottom-left {{ content: "{footing(result, files)}"; }} }}\n'
+    return Document(
+        f"{result.plan}: {result.verdict.value} – {primed(result.title)}",
+        f"Test report\u2002·\u2002{result.plan}",
+        sections,
+        heading=primed(result.title) or result.plan,
+        circumstances=circumstances(record.meta),
+        banner=_banner(result, twin),
+        facts=(*(one for one in heads if one[1]), *known),
+        style="\n".join((asset("uPlot.min.css"), asset("bench_drawing.css") if replay else "", foot)),
+        top=_letterhead(letterhead),
+        scripts=_scripts(plots, replay),
+    ).html()
+
+
+def _letterhead(told: Letterhead) -> Markup:
+    logo = Markup('<img src="{}" alt="{}">').format(told.logo, told.laboratory or "logo") if told.logo else ""
+    parts = element("b", told.laboratory) + logo
+    return element("div", parts, "letterhead") + "\n" if told.logo or told.laboratory else Markup()
+
+
+def _banner(result: Result, twin: TwinStory | None) -> Banner:
+    why, tally = escape(headline(result)), ""
+    deviations = twin.deviations if twin else ()
+    if deviations:
+        more = f" {len(deviations) - 1} more below." if deviations[1:] else ""
+        why += Markup("<br><b>Deviation from the model:</b> {}{}").format(deviations[0].sentence, more)
+    elif twin:
+        agreed = f"No deviation from the model in {twin.judged_for:.0f} s."
+        why += Markup("<br>{}").format(
+            agreed if twin.judged_for else "The model could not be compared with the rig."
+        )
+    if result.checks:
+        named = {CheckVerdict.ERROR: "without a value"}
+        counts = [(result.count(verdict), named.get(verdict, verdict.value)) for verdict in CheckVerdict]
+        told = [f"{n} {name}" for n, name in counts if n or name != CheckVerdict.NOT_AVAILABLE.value]
+        tally = "\u2002·\u2002".join(told)
+    return Banner(result.verdict.value, why, tally, result.verdict.value + " deviates" * bool(deviations))
+
+
+def _scripts(plots: PlotData, replay: dict[str, Any] | None) -> Markup:
+    """Return the data of the plots and the scripts that draw them."""
+    json = {"type": "application/json"}
+    names = ("bench_drawing.js", "bench_replay.js") if replay else ()
+    parts = [
+        element("script", Markup(plots.json), id="plots", **json),
+        element("script", plots.packed, id="plot-data", type="text/plain"),
+        element("script", Markup(embedded(replay)), id="replay", **json) if replay else "",
+        *(
+            element("script", Markup(asset(name)))
+            for name in ("uPlot.iife.min.js", *names, "numbers.js", "report.js")
+        ),
+    ]
+    return joined(parts, "\n") + "\n"
+
+
+def _first_page(result: Result, files: list[tuple[str, str]], operator: str) -> Iterator[Markup]:
+    """Yield what follows the verdict on the first page: the checks not passed or close to a limit, and signatures."""
+    for what, some, more in notable(result.checks):
+        note = f"{more} more in the table of all checks." if more else ""
+        yield section(what, _check_table(some, told=True), caption(note))
+    yield paragraph(least_sure(result.checks), "surely")
+    signed = Markup("<dl><dt>{}</dt><dd>{}</dd><dt>date</dt><dd></dd><dt>signature</dt><dd></dd></dl>\n")
+    names = (operator, *[""] * len(ROLES[1:]))
+    yield section(
+        "Signatures",
+        "All values in this report come from these files. The signatures are valid only for files with these "
+        "checksums.",
+        facts_table((f"SHA-256 of {name}", element("code", checksum)) for name, checksum in files),
+        element("div", joined(map(signed.format, ROLES, names)), "sign"),
+        kind="signatures",
+    )
+
+
+def _conditions(result: Result, record: Record, twin: TwinStory | None) -> Iterator[Markup]:
+    """Yield the instruction, the preconditions, the first trip, the deviations from the model and the incident."""
+    if told := _instruction(result.instruction, result.title):
+        yield section("What was tested", *told)
+    if result.warnings or result.preconditions:
+        words = {None: "not checked", True: "met", False: "not met"}
+        met = ((one.text, f"{words[one.met]}: {one.found}") for one in result.preconditions)
+        yield section("Preconditions", facts_table(met), bullets(result.warnings))
+    if story := first_trip(record):
+        sentences = element("div", joined(map(paragraph, story["sentences"])), "story")
+        yield section("First trip", sentences, drawing(story["drawing"]))
+    if twin:
+        yield _twin(twin)
+    if incident := incident_of(record):
+        yield section(
+            "Black box of the rig",
+            element("pre", incident.story, "story"),
+            drawing(incident.drawing),
+            caption(
+                "Times are in s since the start of the rig. The file black_box.parquet has all samples from 10 s "
+                "before to 10 s after the incident."
+            ),
+        )
+
+
+def _twin(twin: TwinStory) -> Markup:
+    """Return the comparison with the model: every deviation, and the judged parts."""
+    deviations: list[Markup | str] = [
+        facts_table((label, getattr(one.summary, name)) for name, label in PARTS.items())
+        if one.summary
+        else one.sentence
+        for one in twin.all_deviations
+    ]
+    agreed = "The rig agreed with its model in all parts of the run that could be judged."
+    words: dict[bool | None, str] = {True: "agreed", False: "deviated"}
+    rows = [
+        (f"{one.start:.1f} s", f"{one.end:.1f} s", words.get(one.along, f"not judged: {one.why}"))
+        for one in twin.judged
+    ]
+    return section(
+        "Comparison with the model",
+        *(deviations or [agreed if twin.judged_for else "No part of the run could be judged."]),
+        caption(
+            f"The measured motion is the input of the model “{twin.model}”, which predicts the readings of the other "
+            f"sensors. The model could judge {twin.judged_for:.0f} s of the {twin.until:.0f} s."
+        ),
+        table("from | to | result", rows),
+    )
+
+
+_CHECK: Final = Markup("""\
+<tr>
+<td class="name">{0.name}</td>
+<td class="n value">{0.value}</td>
+<td class="n">{0.uncertainty}</td>
+<td class="n" data-of="low">{0.low}</td>
+<td class="n" data-of="high">{0.high}</td>
+<td class="u">{0.unit}</td>
+<td class="within">{1}</td>
+<td class="verdict {2}"><i>{0.sign}</i>{0.check.verdict.value}</td>
+</tr>
+""")
+
+
+def _check_table(rows: Sequence[CheckRow], *, told: bool = False) -> Markup:
+    """Return the table of checks, each a group of rows: the values, with ``told`` the purpose, and the details."""
+    bodies = []
+    for row in rows:
+        kind = row.check.verdict.value.replace(" ", "-")
+        notes = [
+            Markup('<tr><td colspan="8" class="note">{}</td></tr>\n').format(note)
+            for note in (row.check.about if told else "", row.detail)
+            if note
+        ]
+        bodies.append(element("tbody", joined([_CHECK.format(row, bar_drawing(row), kind), *notes]), kind))
+    heads = "check | measured :n | ± U :n | low :n | high :n | unit :u | within the band | verdict"
+    return table(heads, joined(bodies, "\n"), "checks")
+
+
+def _results(result: Result, plots: PlotData) -> Iterator[Markup]:
+    """Yield all checks, their purpose, and the curves with their numbers."""
+    if result.checks:
+        yield section(
+            "All checks" if notable(result.checks) else "Checks",
+            _check_table(check_rows(result.checks)),
+            caption(
+                "The grey bar is the permitted range. Its hatched ends are the marginal zone: a value there is within "
+                "the limits, but with its uncertainty it may be outside. The line through a value is its expanded "
+                "uncertainty U = k u, with a coverage of about 95 %. An arrow marks a value outside the drawing."
+            ),
+        )
+    if purposes := meanings(result.checks):
+        yield section("Purpose of the checks", facts_table(purposes))
+    if result.curves:
+        bars = any(one.expanded for one in result.curves)
+        yield section(
+            "Curves",
+            pairs(_zooming(one, plots) for one in curve_plots(result.curves)),
+            *(
+                table([Cell(head, NUMBER) for head in one.columns], one.rows, "numbers")
+                for one in curve_tables(result.curves)
+            ),
+            caption("The line through a point is its expanded uncertainty." if bars else ""),
+        )
+
+
+def _zooming(drawn: Drawn, plots: PlotData) -> Markup:
+    place = {"data-plot": str(plots.add(drawn.plot))}
+    return element("div", Markup(drawn.picture), "zoom", **place) + "\n"
+
+
+def _course(
+    record: Record,
+    phases: list[Phase],
+    span: tuple[float, float],
+    plots: PlotData,
+    replay: dict[str, Any] | None,
+) -> Iterator[Markup]:
+    """Yield the replay, the phases and the signals over time."""
+    strips, panels = phase_strips(record, phases, span), time_panels(record, phases, span)
+    if not strips and not panels:
+        return
+    shown = ""
+    if replay:
+        shown = caption(
+            f"The bench seen from behind, with a picture every {replay['step']} s. Click on a plot below to show the "
+            "bench at that time. To open this page at 12.3 s, add #t=12.3 to its address."
+        )
+        shown = element("div", Markup('<div class="replay"></div>\n') + shown, "hint")
+    drawn = (drawing(strips), phase_list(phases), *(_zooming(one, plots) for one in panels))
+    hint = element("span", " Drag over a plot to zoom; double-click to return.", "hint")
+    lines = "Dashed lines belong to the right side of the bench. An axis with a break does not begin at zero."
+    yield section("The run", shown, element("div", joined(drawn), "stack"), caption(lines + hint))
+
+
+def _appendix(result: Result, record: Record, directory: Path) -> Iterator[Markup]:
+    """Yield timing, events, instruments, the facts to repeat the run, and later notes."""
+    if result.timing:
+        yield _timing(result.timing)
+    if events := event_rows(record):
+        later = max(0, len(tabled_events(record)) - EVENT_ROWS)
+        rows = [(when, Cell(kind, f"kind {kind}"), text, details) for when, kind, text, details in events]
+        yield section(
+            "Events",
+            table("s :n | kind | what | details :u words", rows, "events"),
+            caption(f"The record has {later} later events." if later else ""),
+        )
+    pieces = [(*one[:3], *(text or "–" for text in one[3:])) for one in instruments_of(record.meta)]
+    if pieces:
+        heads = "readings | instrument | serial number | certificate | calibrated | due"
+        yield section("Instruments", table(heads, pieces, "instruments"))
+    facts = facts_table(_facts(record.meta, result))
+    yield section("How to repeat this run", facts, *_dimensions(record.meta), kind="again")
+    if notes := notes_of(directory):
+        yield section(
+            "Later notes",
+            "These notes were added after the run. They are not part of the signed files, which are unchanged.",
+            facts_table(map(_note, notes)),
+        )
+
+
+def _note(one: Note) -> tuple[Markup, Markup]:
+    when = one.at.replace("T", " ").replace("Z", " UTC")
+    file = f"notes/{one.file}" if one.file else ""
+    checksum = element("code", f"SHA-256 {one.sha256}") if one.file else ""
+    told = (one.text, file, checksum)
+    return joined(filter(None, (when, one.by)), "<br>"), joined(filter(None, told), "<br>")
 
 
 def _result_of(record: Record, directory: Path) -> Result:
@@ -108,19 +347,12 @@ def _result_of(record: Record, directory: Path) -> Result:
     return result_without(record)
 
 
-class Paragraph(NamedTuple):
-    """A paragraph of the instruction, or a list if it has items."""
-
-    text: Any
-    items: list[Any]
-
-
-def _paragraphs(docstring: str, title: str) -> list[Paragraph]:
+def _instruction(docstring: str, title: str) -> list[Markup]:
     """Return the docstring of the plan as paragraphs, without the title, which is in the head of the page.
 
     Lines that begin with an asterisk or a dash make a list.
     """
-    result: list[Paragraph] = []
+    result: list[Markup] = []
     for block in inspect.cleandoc(docstring).split("\n\n"):
         text: list[str] = []
         items: list[str] = []
@@ -132,20 +364,16 @@ def _paragraphs(docstring: str, title: str) -> list[Paragraph]:
             else:
                 text.append(line.strip())
         if (text and " ".join(text) != title) or items:
-            result.append(Paragraph(_prose(" ".join(text)), [_prose(item) for item in items]))
+            result += [paragraph(_prose(" ".join(text))), bullets(map(_prose, items))]
     return result
 
 
-def _prose(text: str) -> Any:
+def _prose(text: str) -> Markup:
     """Return a text for the page, with code between backticks as HTML code elements."""
-    from markupsafe import Markup, escape
-
     parts = primed(text).split("`")
     if len(parts) % 2 == 0:  # an unpaired backtick
         return escape(primed(text))
-    return Markup("").join(
-        Markup("<code>{}</code>").format(part) if index % 2 else part for index, part in enumerate(parts)
-    )
+    return joined(element("code", part) if index % 2 else part for index, part in enumerate(parts))
 
 
 def notable(checks: list[Check]) -> list[tuple[str, list[CheckRow], int]]:
@@ -170,12 +398,9 @@ def least_sure(checks: list[Check]) -> str:
     )
 
 
-def _timing(result: Result) -> dict[str, Any] | None:
+def _timing(timing: Timing) -> Markup:
     from bench_records.report_plots import lateness
 
-    timing = result.timing
-    if timing is None:
-        return None
     figures = [
         ("ticks", f"{timing.ticks:,}".replace(",", THIN_SPACE)),
         ("late", f"{timing.late:,}".replace(",", THIN_SPACE)),
@@ -185,13 +410,16 @@ def _timing(result: Result) -> dict[str, Any] | None:
     for name, value in (("median", timing.p50), ("99th percentile", timing.p99), ("worst", timing.max)):
         if value is not None:
             figures.append((name, f"{fixed(value * 1e6, 0 if value > 1e-4 else 1)}{THIN_SPACE}µs"))
-    return {
-        "figures": figures,
-        "late": timing.late,
-        "disturbed": timing.disturbed,
-        "measured": timing.max is not None or bool(timing.counts),
-        "drawing": lateness("lateness", timing) if timing.counts and timing.edges else "",
-    }
+    disturbed = ", ".join(f"{name} ({late})" for name, late in timing.disturbed.items())
+    text = "No tick was late."
+    if timing.max is None and not timing.counts:
+        text = "The run was in virtual time, so every tick was on time."
+    elif timing.late:
+        during = f"Checks with late ticks during their measurement: {disturbed}."
+        none = "No tick was late during the measurement of a check."
+        text = f"Late ticks: {timing.late}. {during if disturbed else none}"
+    drawn = lateness("lateness", timing) if timing.counts and timing.edges else ""
+    return section("Timing of the rig", key_facts(figures), text, element("div", Markup(drawn), "narrow"))
 
 
 def _facts(meta: dict[str, Any], result: Result) -> list[tuple[str, str]]:
@@ -209,11 +437,22 @@ def _facts(meta: dict[str, Any], result: Result) -> list[tuple[str, str]]:
     ]
 
 
-def _dimensions(meta: dict[str, Any]) -> dict[str, Any]:
-    """Return the dimensions of the rig by name, each with value, uncertainty (SI) and provenance."""
+def _dimensions(meta: dict[str, Any]) -> list[Markup]:
+    """Return the dimensions of the rig, sorted by name, with value, uncertainty (SI) and provenance."""
     told = meta.get("dimensions")
     known = told.get("known") if isinstance(told, dict) else None
-    return dict(sorted(known.items())) if isinstance(known, dict) else {}
+    if not known or not isinstance(known, dict):
+        return []
+    rows = [
+        (name, *(str(one[key]) for key in ("value", "uncertainty", "provenance")))
+        for name, one in sorted(known.items())
+    ]
+    numbers = table("dimension (SI) | value :n | uncertainty :n | source", rows, "numbers")
+    where = "Their values, uncertainties and sources are in meta.json."
+    return [
+        paragraph(f"The run used {len(known)} dimensions of the rig. {where}"),
+        element("details", element("summary", "Dimensions of the rig") + numbers, "hint"),
+    ]
 
 
 def headline(result: Result) -> str:

@@ -6,11 +6,14 @@ import math
 from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from markupsafe import Markup
+
 from bench_records.curves import Axis, Curve
+from bench_records.document import element, joined
 from bench_records.layout import Phase
 from bench_records.plot_data import Plot, Trace
 from bench_records.record import Record
-from bench_records.typography import fixed, primed, scientific, unit
+from bench_records.typography import fixed, primed, scientific, seconds, unit
 
 if TYPE_CHECKING:
     from bench_records.report_plots import Series
@@ -28,6 +31,17 @@ def numbered(phases: list[Phase]) -> list[tuple[str, Phase]]:
     """Phases with the numbers that the strip shows; set-up, main and tear-down carry their names there."""
     numbers = count(1)
     return [(str(next(numbers)) if phase.level else "", phase) for phase in phases]
+
+
+def phase_list(phases: list[Phase]) -> Markup:
+    """The numbers, names and durations of phases; empty without any."""
+    lines = [
+        element("span", number, "no")
+        + element("span", phase.name, "" if phase.level else "part")
+        + element("span", seconds(phase.duration), "time")
+        for number, phase in numbered(phases)
+    ]
+    return element("ol", joined(element("li", one) for one in lines), "phases") + "\n" if lines else Markup()
 
 
 class Drawn(NamedTuple):

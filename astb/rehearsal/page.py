@@ -19,15 +19,13 @@ from bench_records.document import (
     bullets,
     caption,
     drawing,
-    element,
-    joined,
     section,
     table,
 )
 from bench_records.layout import ICE
 from bench_records.record import Record, read
 from bench_records.report_plots import time_panel
-from bench_records.run_drawings import lines_by_quantity, numbered, phase_strips
+from bench_records.run_drawings import lines_by_quantity, phase_list, phase_strips
 from bench_records.run_folder import circumstances
 from bench_records.typography import THIN_SPACE, fixed, seconds, unit
 
@@ -65,7 +63,7 @@ def write_page(found: Rehearsal, directory: Path) -> Path:
             section(
                 "Curves with limits",
                 drawing(phase_strips(record, record.phases, span)),
-                _phases(record),
+                phase_list(record.phases),
                 *map(drawing, _panels(record, found, span)),
                 caption(
                     "Red lines are limits. The dashed line is the time of the first trip."
@@ -111,16 +109,6 @@ def _envelope(extremes: Sequence[Extreme]) -> Markup:
     heads = "reading | lowest :n value | in | highest :n value | in | :u"
     note = "As the transducers would read, noise included; speeds are differences over 20 ms."
     return section("Extremes of the readings", table(heads, map(_extreme_row, extremes)), caption(note))
-
-
-def _phases(record: Record) -> Markup:
-    lines = [
-        element("span", number, "no")
-        + element("span", phase.name, "" if phase.level else "part")
-        + element("span", seconds(phase.duration), "time")
-        for number, phase in numbered(record.phases)
-    ]
-    return element("ol", joined(element("li", one) for one in lines), "phases")
 
 
 def word(found: Rehearsal) -> str:

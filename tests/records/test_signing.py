@@ -77,7 +77,7 @@ def test_what_a_signature_rests_on(tmp_path: Path) -> None:
 def test_a_missing_entry_leaves_a_line_to_fill_in(tmp_path: Path) -> None:
     page = run_in(tmp_path, {"time": "real"})
     for name in ("date", "operator", "ambient"):
-        assert f'<dt>{name}</dt><dd class="blank"><small>not recorded</small>' in page
+        assert f'<dt>{name}</dt><dd><small class="blank">not recorded</small></dd>' in page
     assert "Instruments" not in words(page)
 
 
