@@ -1,1 +1,1 @@
-"""The output of a run: the record of every sample, the result of every check, and the report of both."""
+"""The results of a run: the record of every sample, the result of every check, and the report."""

@@ -1,4 +1,4 @@
-"""The table of checks: each value next to its limits, and a drawing of where in the band it lies."""
+"""The table of checks: each value with its limits, and a drawing of its position in the band."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SIGNS = {
 
 
 class CheckRow(NamedTuple):
-    """A check as the table shows it."""
+    """The texts of a check in the table."""
 
     check: Check
     name: str
@@ -54,7 +54,7 @@ class Meaning(NamedTuple):
 
 
 class Bar(NamedTuple):
-    """A range bar in drawing units: the band, its marginal ends, and where the value lies."""
+    """A range bar in drawing units: the band, its marginal ends, and the position of the value."""
 
     left: float
     right: float
@@ -68,7 +68,7 @@ class Bar(NamedTuple):
 
 
 def check_rows(checks: list[Check]) -> list[CheckRow]:
-    """The rows of the table, with the decimal points of each column under one another."""
+    """Return the rows of the table, with aligned decimal points in each column."""
     figures = [_numbers_with_limits(one) for one in checks]
     decimals = [len(text.partition(".")[2]) for row in figures for text in row if not is_scientific(text)]
     most = max(decimals, default=0)
@@ -85,7 +85,7 @@ def check_rows(checks: list[Check]) -> list[CheckRow]:
 
 
 def meanings(checks: list[Check]) -> list[Meaning]:
-    """Quantity and purpose of the checks, each sentence once, in the order of the checks."""
+    """Return quantity and purpose of the checks, each sentence once, in the order of the checks."""
     named: dict[str, dict[str, None]] = {}
     for one in checks:
         if one.about:
@@ -99,9 +99,9 @@ def _some(names: list[str]) -> str:
 
 
 def _numbers_with_limits(one: Check) -> list[str]:
-    """Value, low and high in the check's unit, all with as many digits as distinguish them .
+    """Return value, low and high in the check's unit, all with the number of digits that distinguishes them.
 
-    A hundredth of the band is resolved: more would be noise, fewer would hide a verdict.
+    The resolution is a hundredth of the band: more would be noise, fewer would hide a verdict.
     """
     numbers = [math.nan if n is None else n / one.scale for n in (one.number, one.low, one.high)]
     known = [n for n in numbers if math.isfinite(n)]
@@ -127,7 +127,7 @@ def _numbers_with_limits(one: Check) -> list[str]:
 
 
 def _grouped(text: str) -> str:
-    """A number that was written with its digits, as the table sets numbers."""
+    """Return a number in the typography of the table, with the same digits."""
     return fixed(float(text), len(text.partition(".")[2]))
 
 
@@ -139,7 +139,9 @@ def _detail(one: Check) -> str:
 
 
 def certainty(one: Check) -> str:
-    """How surely a check conforms, and the two largest causes of its uncertainty, or why it has none."""
+    """Return the probability of conformity and the two largest causes of uncertainty, or why there is no
+    uncertainty.
+    """
     if one.without and math.isfinite(one.number):
         return f"no uncertainty: {one.without}"
     if not one.u or one.conformity is None or not math.isfinite(one.number):
@@ -149,7 +151,9 @@ def certainty(one: Check) -> str:
 
 
 def _causes(parts: Mapping[str, float], u: float) -> str:
-    """The causes of an uncertainty ``u``: the largest share of the variance, and the second if it is significant."""
+    """Return the causes of an uncertainty ``u``: the largest share of the variance, and the second if it is
+    significant.
+    """
     shares = sorted(((part / u) ** 2, cause.replace("_", " ")) for cause, part in parts.items())[::-1]
     if not shares:
         return ""
@@ -163,7 +167,7 @@ def _causes(parts: Mapping[str, float], u: float) -> str:
 
 
 def range_bar(one: Check) -> Bar:
-    """The band fills the middle; a side without a limit runs out of the picture."""
+    """Return the bar of a check; the band fills the middle, and a side without a limit continues to the edge."""
     margin = one.guard
     if one.low is not None and one.high is not None:
         width = one.high - one.low or abs(one.high) or 1.0
@@ -199,7 +203,7 @@ def range_bar(one: Check) -> Bar:
 
 
 def bar_drawing(row: CheckRow) -> Any:
-    """The range bar as an element; drawn by hand, since dozens of them must cost nothing."""
+    """Return the range bar as an SVG element, made without matplotlib because a page has dozens of them."""
     from markupsafe import Markup
 
     bar, middle = row.bar, BAR_HEIGHT / 2
@@ -245,7 +249,7 @@ def _rectangle(start: float, end: float, color: str) -> str:
 
 
 def _hatched(start: float, end: float) -> str:
-    """Amber with slanted strokes: a marginal zone that survives a black-and-white copy."""
+    """Return a marginal zone in amber with slanted strokes, which is visible in a black-and-white copy."""
     low, pitch = BAR_HEIGHT / 2 + 3, 2.4
     strokes = "".join(
         f"M{start + pitch * i:.1f} {low:g}l{pitch:g} -6" for i in range(max(1, int((end - start) / pitch)))

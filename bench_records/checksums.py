@@ -1,4 +1,4 @@
-"""Checksums of the files of a run, in the format of sha256sum, so that `sha256sum -c SHA256SUMS` can check them."""
+"""Checksums of the files of a run, in the format of sha256sum, for `sha256sum -c SHA256SUMS`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ FRAMES: Final = "can.blf"
 
 
 def write_sums(directory: Path) -> Path:
-    """Write the checksums of the files of a run next to them; return the path. NotKept for a disk that fails."""
+    """Write the checksums of the files of a run to its folder; return the path. Raises NotKept for a disk error."""
     path = directory / SUMS
     with kept(path):
         lines = [
@@ -29,7 +29,7 @@ def write_sums(directory: Path) -> Path:
 
 
 def broken_files(directory: Path) -> list[str]:
-    """Return which files of a run are not as they were written, or gone; an old run without checksums reports that."""
+    """Return a text for each file of a run that was changed or removed, or has no checksum."""
     try:
         lines = (directory / SUMS).read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -26,7 +26,7 @@ class Fact(msgspec.Struct, frozen=True):
 
 
 class CheckPair(msgspec.Struct, frozen=True, kw_only=True):
-    """A check of one or both runs; ``change`` is b - a in SI, ``share`` is change / |a|; None: unknown."""
+    """A check of one or both runs; ``change`` is b - a in SI, ``share`` is change / |a|, None if unknown."""
 
     phase: str
     name: str
@@ -47,7 +47,7 @@ class CheckPair(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CurvePair(msgspec.Struct, frozen=True, kw_only=True):
-    """A curve of both runs. ``apart`` is the r.m.s. of the difference of y over the r.m.s. of A's; None for loops."""
+    """A curve of both runs. ``apart`` is the r.m.s. of the difference in y over the r.m.s. of A's; None for loops."""
 
     group: str
     name: str
@@ -71,7 +71,7 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def compare_runs(a: Path, b: Path) -> Comparison:
-    """Compare the runs in the directories ``a`` and ``b``. RecordError if one is no run."""
+    """Compare the runs in the directories ``a`` and ``b``. Raises RecordError if one is not a run."""
     (one, told, first), (other, also_told, second) = open_run(a), open_run(b)
     curves, lonely = _curve_pairs(one.curves, other.curves)
     return Comparison(
@@ -88,7 +88,7 @@ def compare_runs(a: Path, b: Path) -> Comparison:
 
 
 def _names(a: Path, b: Path) -> tuple[str, str]:
-    """Return the last parts of two paths, as many as make them different."""
+    """Return the last parts of two paths, as many as are needed to distinguish them."""
     one, other = (path.resolve().parts for path in (a, b))
     for count in range(1, max(len(one), len(other)) + 1):
         if one[-count:] != other[-count:]:
@@ -123,7 +123,7 @@ def _facts(a: dict[str, str], b: dict[str, str]) -> list[Fact]:
 
 
 def _check_pairs(a: list[Check], b: list[Check]) -> list[CheckPair]:
-    """Pair checks of the same phase and name, in their order."""
+    """Return pairs of checks with the same phase and name, in their order."""
     return [_check_pair(key, one, other) for key, one, other in _paired(a, b, lambda c: (c.phase, c.name))]
 
 
@@ -179,7 +179,9 @@ def _apart(a: Curve, b: Curve) -> float | None:
 
 
 def _paired(a: list[Any], b: list[Any], key: Any) -> Iterable[tuple[Any, Any, Any]]:
-    """Pair items with the same key, in the order of ``a`` and then of ``b``; None replaces a missing item."""
+    """Yield key and pair of items with the same key, in the order of ``a`` and then ``b``; None replaces a missing
+    item.
+    """
     left: dict[Any, list[Any]] = defaultdict(list)
     for one in b:
         left[key(one)].append(one)

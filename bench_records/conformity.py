@@ -1,4 +1,4 @@
-"""Conformity with limits under uncertainty: coverage factor, probability, and how a value is written next to its own.
+"""Conformity with limits under uncertainty: coverage factor, probability, and decimals of values.
 
 The error of a value is the sum of two parts, together with the standard uncertainty ``u`` (model of EA-4/02, S9). One
 part has a rectangular distribution with the standard deviation ``even``, the largest of its rectangular contributions.
@@ -18,7 +18,8 @@ SURE = 0.975
 
 
 def cumulative(x: float, u: float, even: float = 0.0) -> float:
-    """The probability of an error below ``x``: of the sum of an even and a normal distribution, u² together.
+    """Return the probability of an error below ``x``, the sum of a rectangular and a normal part with total variance
+    u².
 
     F(x) = [(x+a) Φ((x+a)/σ) − (x−a) Φ((x−a)/σ) + σ φ((x+a)/σ) − σ φ((x−a)/σ)] / 2a with a = √3 even, σ² = u² − even².
     """
@@ -37,7 +38,7 @@ def cumulative(x: float, u: float, even: float = 0.0) -> float:
 
 
 def conformity(value: float, u: float, low: float | None, high: float | None, even: float = 0.0) -> float:
-    """The probability that a quantity with the measured ``value`` lies within its limits (JCGM 106, 7.2)."""
+    """Return the probability that a quantity with the measured ``value`` is within its limits (JCGM 106, 7.2)."""
     above = 1.0 if high is None else cumulative(high - value, u, even)
     below = 0.0 if low is None else cumulative(low - value, u, even)
     return max(above - below, 0.0)
@@ -45,13 +46,13 @@ def conformity(value: float, u: float, low: float | None, high: float | None, ev
 
 @lru_cache(maxsize=4096)
 def coverage_factor(share: float) -> float:
-    """k of U = k u, if ``share`` = even / u of the uncertainty is even: 2 without, 1.65 if all of it is."""
+    """Return k of U = k u for ``share`` = even / u: 2 for a normal error, 1.65 for a rectangular one."""
     return _inverse(0.5 + 0.5 * COVERAGE, min(share, 1.0))
 
 
 @lru_cache(maxsize=4096)
 def guard_factor(share: float) -> float:
-    """How many u a value must stay inside one limit to conform with `SURE`."""
+    """Return the distance from a limit, in u, at which a value conforms with `SURE`."""
     return _inverse(SURE, min(share, 1.0))
 
 
@@ -64,9 +65,9 @@ def _inverse(probability: float, share: float) -> float:
 
 
 def decimals(value: float, expanded: float, limits: Sequence[float]) -> int:
-    """How many decimals a value with its expanded uncertainty is worth: one digit of that, two if they are below 35.
+    """Return the number of decimals of a value with its expanded uncertainty: one digit of that, two if below 35.
 
-    More where these would write the value onto a limit or to its other side.
+    It is larger if rounding would move the value onto a limit or across it.
     """
     shown = 0
     if expanded > 0.0:
@@ -80,7 +81,7 @@ def decimals(value: float, expanded: float, limits: Sequence[float]) -> int:
 
 
 def percent(probability: float) -> str:
-    """A probability as text; it is never closer to 0 or 1 than an uncertainty can support."""
+    """Return a probability as text; it is never closer to 0 or 1 than an uncertainty can support."""
     if probability > 0.999:
         return "> 99.9 %"
     return "< 0.1 %" if probability < 0.001 else f"{100 * probability:.1f} %"

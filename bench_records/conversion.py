@@ -1,4 +1,4 @@
-"""The end of a record: its stream becomes a Parquet file, also the stream that a killed process left behind."""
+"""Conversion of a record's stream to a Parquet file, also of the stream that a killed process left."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def convert(stream: Path, meta: dict[str, Any], *, recovering: bool = False) -> 
     """Write Parquet file and ``meta.json`` next to a stream, with ``meta`` added to its facts, and remove the stream.
 
     Raises ``RecordError`` if the file is not a stream of this format. Raises ``NotKept`` if the disk refuses the
-    record; the stream then stays.
+    record; the stream then remains.
     """
     with kept(stream):
         streamed = read_stream(stream)

@@ -1,4 +1,4 @@
-"""Curves of a result: a series over another one, with its axes and, where points are judged, their limits."""
+"""Curves of a result: one series over another, with axes and, for judged points, limits."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import msgspec
 
 
 class Axis(msgspec.Struct, frozen=True):
-    """The title, ticks and scale along one side of a plot."""
+    """Title, unit and scale of one axis of a plot."""
 
     label: str
     unit: str = ""
@@ -18,14 +18,14 @@ class Axis(msgspec.Struct, frozen=True):
     zero: float = 0.0  #: where the unit begins to count (SI), 273.15 K for degC
 
     def shown(self, value: float) -> float:
-        """Return a value (SI) in the unit."""
+        """Return a value (SI) in the display unit."""
         return (value - self.zero) / self.scale
 
 
 class Curve(msgspec.Struct, frozen=True, kw_only=True):
-    """A named series y over x, in SI: a ``loop`` runs through its points, a ``sweep`` is a table with few of them.
+    """A named series y over x, in SI: a ``loop`` connects all points, a ``sweep`` is a table of few points.
 
-    Curves of one ``group`` share a plot, and a group of sweeps also a table.
+    Curves of one ``group`` share a plot, and sweeps of a group also a table.
     """
 
     name: str
@@ -68,7 +68,7 @@ def curve(
     limits: Iterable[tuple[float | None, float | None]] = (),
     expanded: Iterable[float | None] = (),
 ) -> Curve:
-    """A curve from any two series of numbers (arrays included); NaN and ∞ become gaps.
+    """Return a curve of two series of numbers (arrays included); NaN and ∞ become gaps.
 
     ``limits`` are low and high of each point, ``expanded`` its expanded uncertainty.
     """

@@ -37,7 +37,7 @@ class NotKept(RecordError):
 
 
 def why(error: BaseException) -> str:
-    """Return in words why the disk refused."""
+    """Return the reason of a disk error as text."""
     number = getattr(error, "errno", None)
     if number in REFUSALS:
         return REFUSALS[number]
@@ -45,7 +45,7 @@ def why(error: BaseException) -> str:
 
 
 def of_the_disk(error: BaseException) -> bool:
-    """Return whether the error is of the disk, and not of a file name or of missing permission."""
+    """Return whether the disk caused the error, and not a file name or a missing permission."""
     return isinstance(error, OSError) and error.errno in REFUSALS and error.errno not in _NAMES
 
 
@@ -62,7 +62,7 @@ def kept(path: Path, what: str = "") -> Iterator[None]:
 
 @contextmanager
 def begun(path: Path, what: str = "") -> Iterator[None]:
-    """As `kept`, but raise RecordError if the given folder is invalid or belongs to another user."""
+    """Raise as `kept`, but RecordError if the given folder is invalid or belongs to another user."""
     try:
         yield
     except OSError as error:
@@ -72,7 +72,7 @@ def begun(path: Path, what: str = "") -> Iterator[None]:
 
 
 def keep_room(directory: Path) -> None:
-    """Reserve the disk space for the result of a run. NotKept if there is not enough."""
+    """Reserve the disk space for the result of a run. Raises NotKept if there is not enough."""
     path = directory / ROOM_FILE
     try:
         with path.open("wb") as file:

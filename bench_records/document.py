@@ -1,4 +1,4 @@
-"""Pages with one look: title, facts, and sections of text, tables and drawings; all text is escaped."""
+"""Pages in a common style: title, facts, and sections of text, tables and drawings; all text is escaped."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _PAGE: Final = Markup("""\
 
 
 class Cell(NamedTuple):
-    """A cell with its own CSS class, and a text that appears under the pointer."""
+    """A cell with its own CSS class and tooltip."""
 
     text: str
     kind: str = ""
@@ -46,14 +46,14 @@ class Cell(NamedTuple):
 
 
 class TableRow(NamedTuple):
-    """The cells of a row of a table, and its class."""
+    """The cells of a table row, and its class."""
 
     cells: Sequence[Any]
     tone: str = ""
 
 
 class Banner(NamedTuple):
-    """The result of a page: a word, why, and a smaller line; ``tone`` is its class."""
+    """The result of a page: a word, its reason, and a smaller line; ``tone`` is its class."""
 
     word: str
     why: str
@@ -102,7 +102,7 @@ def joined(parts: Iterable[Any], by: str = "") -> Markup:
 
 
 def element(name: str, content: Any, kind: str = "", **attributes: str) -> Markup:
-    """Return an element with its content and, where they are not empty, its class and attributes."""
+    """Return an element with its content, and with class and attributes that are not empty."""
     known = ({"class": kind} | attributes).items()
     told = joined(Markup(' {}="{}"').format(key, value) for key, value in known if value)
     return Markup("<{0}{1}>{2}</{0}>").format(name, told, content)
@@ -160,9 +160,9 @@ def pairs(drawings: Iterable[str]) -> Markup:
 def table(
     columns: str | Iterable[str | Cell], rows: Markup | Iterable[TableRow | Sequence[Any]], kind: str = ""
 ) -> Markup:
-    """Return a table, empty without rows; the class of a column holds for its cells.
+    """Return a table, empty without rows; the class of a column applies to its cells.
 
-    ``columns`` may be one text, such as "channel | noise :n | :u": heads, each with its class behind a colon.
+    ``columns`` may be one text, such as "channel | noise :n | :u": the heads, each with its class behind a colon.
     A float has three digits, and None is a dash. ``rows`` may be finished bodies of the table.
     """
     if isinstance(columns, str):
@@ -180,7 +180,7 @@ def table(
 
 
 def facts_table(facts: Iterable[tuple[Any, Any]]) -> Markup:
-    """Return a table of names with their values, without a head; empty without any."""
+    """Return a table of names and values, without a head; empty without entries."""
     body = joined(element("tr", element("td", name) + element("td", value)) + "\n" for name, value in facts)
     return element("table", element("tbody", body), "facts") + "\n" if body else body
 

@@ -1,4 +1,4 @@
-"""The events of a run as its report reports them: the table of all, and which limit tripped first."""
+"""The events of a run for its report: the table of all events, and the first limit that tripped."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ AROUND_TRIP_S = 10.0
 
 
 def tabled_events(record: Record) -> list[RecordedEvent]:
-    """Events for the table, without phases and checks, which have other tables, and settings, which replays need."""
+    """Return the events for the table, without phases and checks, which have other tables, and settings."""
     return [event for event in record.events if event.kind not in {"phase", "setting", "check"}]
 
 
 def event_rows(record: Record) -> list[tuple[str, str, str, str]]:
-    """The first events in order of time, as texts: when (s), kind, what, details."""
+    """Return the first events in order of time, as texts: time (s), kind, event, details."""
     return [
         (fixed(record.time_of(event), 3), event.kind, event.text, _details(event.data))
         for event in sorted(tabled_events(record), key=lambda event: event.time_ns)[:EVENT_ROWS]
@@ -32,7 +32,9 @@ def _details(data: dict[str, Any]) -> str:
 
 
 def first_trip(record: Record) -> dict[str, Any] | None:
-    """Which limit tripped first, what followed, and the signals around it: the first cause, not the last symptom."""
+    """Return sentences on the first tripped limit and its consequences, and a drawing of its signal; None without a
+    trip.
+    """
     from bench_records.report_plots import time_panel
 
     events = sorted(record.events, key=lambda event: event.time_ns)

@@ -24,7 +24,7 @@ _PROGRAM: Final = "ASTB"
 
 
 class Comment(msgspec.Struct):
-    """The header of an MDF file that was exported from a record."""
+    """The comment in the header of an MDF file that was exported from a record."""
 
     program: str
     start_ns: int
@@ -34,15 +34,15 @@ class Comment(msgspec.Struct):
 
 
 def column_of(signal: SignalInfo) -> str:
-    """Return the head of a column with numbers of ``signal``."""
+    """Return the column name for ``signal``, with its unit."""
     return f"{signal.name} [{signal.unit}]" if signal.unit else signal.name
 
 
 def write_csv(record: Record, path: Path, rate: float, names: Sequence[str] = ()) -> int:
     """Write signals side by side at ``rate`` (Hz), in the units of their columns; return the number of rows.
 
-    Without ``names``, write all signals. A cell is empty if the signal had no value yet. RecordError for an unknown
-    name.
+    Without ``names``, write all signals. A cell is empty if the signal has no value yet. Raises RecordError for an
+    unknown name.
     """
     frame = table_of(record, rate, names)
     frame.to_csv(path, float_format="%.9g")
@@ -50,7 +50,9 @@ def write_csv(record: Record, path: Path, rate: float, names: Sequence[str] = ()
 
 
 def write_arrow(record: Record, path: Path, rate: float, names: Sequence[str] = ()) -> int:
-    """As `write_csv`, but to Parquet or Arrow, depending on the suffix; the clock is the index of the data frame."""
+    """Write as `write_csv`, but to Parquet or Arrow, depending on the suffix; the clock is the index of the data
+    frame.
+    """
     frame = table_of(record, rate, names)
     if path.suffix.lower() == ".parquet":
         frame.to_parquet(path)
@@ -60,7 +62,7 @@ def write_arrow(record: Record, path: Path, rate: float, names: Sequence[str] = 
 
 
 def table_of(record: Record, rate: float, names: Sequence[str]) -> pd.DataFrame:
-    """Return signals side by side, in the units of their columns. RecordError for an unknown name."""
+    """Return signals side by side, in the units of their columns. Raises RecordError for an unknown name."""
     chosen = list(names or record.signals)
     frame = record.frame(chosen, rate)
     for name in chosen:
@@ -70,7 +72,9 @@ def table_of(record: Record, rate: float, names: Sequence[str]) -> pd.DataFrame:
 
 
 def write_mdf(record: Record, path: Path, names: Sequence[str] = ()) -> int:
-    """Write every sample with its own time stamp; return how many. RecordError without asammdf, or an unknown name."""
+    """Write every sample with its time stamp; return their number. Raises RecordError without asammdf or for unknown
+    names.
+    """
     MDF, Signal = _asammdf()
     from asammdf.blocks.conversion_utils import from_dict
 

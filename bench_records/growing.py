@@ -1,4 +1,4 @@
-"""A record that is read during its run: every call reads the samples written since the previous call."""
+"""A record that can be read during its run: every call reads the samples since the previous call."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _AT_A_TIME: Final = 60.0
 
 
 class GrowingRecord(Record):
-    """The record so far of the run that writes into ``directory``.
+    """The present record of the run that writes to ``directory``.
 
-    Series, events and phases are those of the last `look`. RecordError if no run is writing. The stream stays open, so
-    that no sample is lost when the run ends and replaces the stream by another file.
+    Series, events and phases are those of the last `look`. Raises RecordError if no run is writing. The stream stays
+    open, so that no sample is lost when the run ends and replaces the stream by another file.
     """
 
     def __init__(self, directory: Path | str) -> None:
@@ -55,7 +55,7 @@ class GrowingRecord(Record):
 
     @property
     def duration(self) -> float:
-        """Seconds from the start to the latest sample or event that was read."""
+        """Time from the start to the latest sample or event that was read (s)."""
         return (self._latest_ns - self.start_ns) / SECOND
 
     @property
@@ -64,13 +64,13 @@ class GrowingRecord(Record):
         return phases_of(self.events, self.start_ns, self._latest_ns)
 
     def look(self) -> bool:
-        """Read the new samples since the previous call; False once the run has ended and all of it is read."""
+        """Read the samples since the previous call; return False once the run has ended and all samples are read."""
         continues = is_held(self.path.parent)
         self._take_in()
         return continues
 
     def series(self, name: str) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """All samples of one signal so far, in order of time, as `Record.series` gives them."""
+        """Return all samples of one signal so far, in order of time, as `Record.series` does."""
         if name not in self.signals:
             return super().series(name)  # which raises the error
         chunks = self._samples.get(name, [])
@@ -87,9 +87,9 @@ class GrowingRecord(Record):
         return (times - self.start_ns) / SECOND, values
 
     def thin(self, before: float) -> None:
-        """Keep of each second before a time (s) one sample of a signal: the one nearest to the mean of all.
+        """Keep one sample per second of each signal before a time (s): the one nearest to the mean of that second.
 
-        Some time may pass until it is done. A run of a day needs more memory than there is without it.
+        It may be done later. Without it, a run of a day needs more memory than there is.
         """
         if before < self._thinned_until + _AT_A_TIME:
             return
@@ -149,7 +149,7 @@ class GrowingRecord(Record):
 
 
 def _of_each_second(times: npt.NDArray[np.int64], values: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
-    """Return which of some samples (n,) in order is nearest to the mean of its second, NaN only where all are."""
+    """Return the indices of the samples (n,), in order, nearest to the mean of their second; NaN only if all are."""
     second = times // SECOND
     first = np.flatnonzero(np.diff(second, prepend=second[0] - 1))
     known = np.isfinite(values)

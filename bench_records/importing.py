@@ -1,4 +1,4 @@
-"""Makes records from files of other programs; columns and channels must have the names of signals, without guesses."""
+"""Import of records from files of other programs; columns and channels must have the names of signals."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Known = Callable[[str], SignalInfo | None]
 
 
 class ImportKeys(FileKeys, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The keys of ``[file]`` of a map, and those from its other tables."""
+    """The keys of ``[file]`` in a map, and the keys from its other tables."""
 
     time: ColumnName | None = None
     date: ColumnName | None = None  #: of times of day
@@ -49,7 +49,7 @@ class ImportKeys(FileKeys, frozen=True, forbid_unknown_fields=True, kw_only=True
 
 
 def import_keys(texts: Iterable[str]) -> ImportKeys:
-    """Return the parsed ``KEY=VALUE`` texts. RecordError for an unknown key or an invalid value."""
+    """Return the parsed ``KEY=VALUE`` texts. Raises RecordError for an unknown key or an invalid value."""
     given: dict[str, Any] = {}
     for text in texts:
         key, equals, value = text.partition("=")
@@ -92,9 +92,10 @@ class _Found(NamedTuple):
 def read_table(
     path: Path, into: Path, known: Known, meta: dict[str, Any], account: Account, keys: ImportKeys
 ) -> int:
-    """Make a record in the directory ``into`` of a table with a clock, ``time_s``; return the number of samples.
+    """Make a record in the directory ``into`` from a table with a clock, ``time_s``; return the number of samples.
 
-    RecordError, with line or column, if the file is not a table, or if a column is not a signal or has another unit.
+    Raises RecordError, with line or column, if the file is not a table, or if a column is not a signal or has another
+    unit.
     """
     _refuse_idle_keys(path, keys, ("group", "raw"), "an MDF file")
     wanted = [keys.time if keys.time is not None else TIME]
@@ -141,7 +142,7 @@ def _source(index: int, signal: str, keys: ImportKeys) -> Source:
 def _without_codes(
     path: Path, columns: Mapping[str, Series], nulls: Nulls, account: Account
 ) -> dict[str, Series]:
-    """Return columns without the codes for missing values; the ``account`` receives these codes."""
+    """Return the columns without the codes for missing values; the ``account`` receives these codes."""
     found, remarks = without_codes(path.name, columns, nulls)
     for one in remarks:
         account.take(f"{'doubtful: ' * one.doubt}{one.sentence()}")
@@ -154,7 +155,7 @@ def _is_empty(column: Column) -> bool:
 
 
 def _clock_of(sheet: Sheet, keys: ImportKeys) -> TimeSource:
-    """The column of the clock. RecordError if no key, name or date identifies it."""
+    """Return the column of the clock. Raises RecordError if no key, name or date identifies it."""
     decimal = keys.decimal
     if keys.time is not None:
         place = sheet.place(keys.time, f"{sheet.path}: --table time")
@@ -197,10 +198,10 @@ def _dated(column: Column) -> bool:
 def read_mdf(
     path: Path, into: Path, known: Known, meta: dict[str, Any], account: Account, keys: ImportKeys
 ) -> int:
-    """Make a record in the directory ``into`` of an MDF file; return the number of samples.
+    """Make a record in the directory ``into`` from an MDF file; return the number of samples.
 
-    From a file that was exported from a record, the same record results. In any other file, the channels must have the
-    names of signals; the file gives their units. RecordError for a file that is not MDF, or a channel that is not a
+    A file that was exported from a record gives the same record. In any other file, the channels must have the names of
+    signals, and the file gives their units. Raises RecordError for a file that is not MDF, or a channel that is not a
     signal.
     """
     others = [key for key in ImportKeys.__struct_fields__ if key not in ("group", "raw", "format", "null")]
@@ -253,9 +254,9 @@ def _own_comment(text: str) -> Comment | None:
 
 
 def _signal(path: Path, name: str, unit: str, known: Known) -> tuple[SignalInfo, tuple[float, float]]:
-    """Return the signal that a column is of, and the factor and zero that make SI of its unit.
+    """Return the signal of a column, and the factor and zero that convert its unit to SI.
 
-    RecordError for no signal, and for a unit that is not stated, not known or of another quantity.
+    Raises RecordError if the column is not a signal, or if its unit is missing, unknown or of another quantity.
     """
     found = _COLUMN.fullmatch(name)
     signal = known(found["name"]) if found else None
@@ -299,7 +300,7 @@ def _write(
     events: Iterable[RecordedEvent] = (),
     silent: Iterable[SignalInfo] = (),
 ) -> int:
-    """Write a record, its samples in the order of their times."""
+    """Write a record with its samples in order of time."""
     import numpy as np
 
     series = [(one.series.times, one.series.values * one.scale + one.zero) for one in found]

@@ -1,4 +1,4 @@
-"""The black box data of an incident, stored with the record of the run: a text and its samples."""
+"""The black box data of an incident, stored with the record of the run: a text and samples."""
 
 from __future__ import annotations
 
@@ -26,9 +26,10 @@ _ELSE = ("left.bellows_pressure", "right.bellows_pressure")
 def write_incident(
     directory: Path | str, story: str, times: Numbers, channels: Mapping[str, Numbers]
 ) -> None:
-    """Keep an incident in ``directory``: ``times`` in s seen from it, ``channels`` in SI by signal, NaN for no reading.
+    """Write an incident to ``directory``: ``times`` in s relative to it, ``channels`` in SI by signal, NaN for no
+    reading.
 
-    Raises NotKept for a disk that fails.
+    Raises NotKept for a disk error.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -43,7 +44,7 @@ def write_incident(
 
 
 class IncidentSection(NamedTuple):
-    """An incident as a report shows it."""
+    """The texts and drawing of an incident in a report."""
 
     story: str
     drawing: str

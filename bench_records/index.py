@@ -108,7 +108,9 @@ _CHECK: Final = (
 
 
 class RunIndex:
-    """The runs below ``folder``. RecordError if it is not a folder, or if the index cannot be read or written."""
+    """The runs below ``folder``. Raises RecordError if it is not a folder, or if the index cannot be read or
+    written.
+    """
 
     def __init__(self, folder: Path) -> None:
         if not folder.is_dir():
@@ -118,7 +120,9 @@ class RunIndex:
         self.unreadable: dict[str, str] = {}
 
     def runs(self, **chosen: str | None) -> list[KeptRun]:
-        """Return the runs, oldest first, whose columns (``plan``, ``verdict``, …) are as ``chosen``; None is any."""
+        """Return the runs, oldest first, whose columns (``plan``, ``verdict``, …) equal ``chosen``; None matches any
+        value.
+        """
         where, values = _where(chosen)
         with self._fresh() as base:
             rows = base.execute(
@@ -127,7 +131,7 @@ class RunIndex:
             return [_kept(row) for row in rows]
 
     def checks(self, name: str | None = None, **chosen: str | None) -> list[KeptCheck]:
-        """Return the checks of that name, oldest first, of the runs whose columns are as ``chosen``.
+        """Return the checks with that name, oldest first, of the runs whose columns equal ``chosen``.
 
         Without a name, return all checks that verify a requirement.
         """
@@ -181,7 +185,7 @@ class RunIndex:
             raise RecordError(f"{path}: {error}; {remedy}") from None
 
     def _caught_up(self, path: Path) -> sqlite3.Connection:
-        """Open and update the database; if the disk cannot be written, in memory for this query."""
+        """Open and update the database; if the disk cannot be written, use memory for this query."""
         for place in (path, None):
             base = _opened(path) if place else _connected(":memory:")
             try:
@@ -257,7 +261,7 @@ def _connected(path: Path | str) -> sqlite3.Connection:
 
 
 def _signs(folder: Path) -> Iterator[Path]:
-    """Yield for each run below ``folder`` the file that identifies it."""
+    """Yield the file that identifies a run, for each run below ``folder``."""
     for here, _, files in os.walk(folder):
         if sign := next((name for name in SIGNS if name in files), None):
             yield Path(here) / sign

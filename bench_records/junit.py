@@ -1,4 +1,4 @@
-"""The result as JUnit XML, which every CI server can show: one test case for each check, one for the run itself."""
+"""The result as JUnit XML, which every CI server can display: one test case for each check, one for the run itself."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ _MET = {True: "met", False: "not met", None: "not judged"}
 
 
 def junit(result: Result) -> bytes:
-    """The document: a failure is outside its limits, an error has no value, and the rig cannot measure a skipped check.
+    """Return the XML: a failure is outside its limits, an error has no value, a skipped check is not available on the
+    rig.
 
-    The time of a check is the time since the previous check; the test case of the run has the time after the last
-    one. Only a run in real time has a time stamp. The names of suite and cases include the parameters and the serial
-    number of the specimen; without them, two runs of a plan would hide each other.
+    The time of a check is the time since the previous check; the test case of the run has the time after the last one.
+    Only a run in real time has a time stamp. The names of suite and cases include the parameters and the serial number
+    of the specimen, so that several runs of a plan stay distinct.
     """
     given = _given(result)
     failures = result.count(CheckVerdict.FAIL)
@@ -88,7 +89,7 @@ def _given(result: Result) -> str:
 
 
 def _times(result: Result) -> list[float]:
-    """Duration of each check, and of the run after the last check (s); 0 for a check without a time."""
+    """Return the duration of each check, and of the run after the last check (s); 0 for a check without a time."""
     ends = [0.0]
     for one in result.checks:
         ends.append(max(ends[-1], one.at if one.at is not None else -math.inf))
@@ -96,7 +97,7 @@ def _times(result: Result) -> list[float]:
 
 
 def write_junit(result: Result, directory: Path | str) -> Path:
-    """Write ``junit.xml`` into the directory."""
+    """Write ``junit.xml`` to the directory; return its path."""
     path = Path(directory) / JUNIT
     path.parent.mkdir(parents=True, exist_ok=True)
     put(path, junit(result))

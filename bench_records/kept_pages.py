@@ -1,4 +1,4 @@
-"""HTML pages of kept runs: the comparison of two runs, and the trend of checks over the life of a specimen."""
+"""HTML pages of stored runs: the comparison of two runs, and the trend of checks over the life of a specimen."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _FEW_HOURS = 3.0
 
 
 class Row(NamedTuple):
-    """Texts of a check of two runs."""
+    """Texts of a check in a comparison of two runs."""
 
     phase: str
     name: str
@@ -54,7 +54,7 @@ class Row(NamedTuple):
 
 
 def write_comparison(comparison: Comparison, path: Path) -> None:
-    """Write the page of two runs as one self-contained file. OSError if it cannot be written."""
+    """Write the comparison of two runs as one self-contained page. Raises OSError if it cannot be written."""
     ends = zip("AB", comparison.verdicts, comparison.circumstances, strict=True)
     facts = [(fact.what.replace("_", " "), fact.a or "–", fact.b or "–") for fact in comparison.facts]
     drawings = [
@@ -178,7 +178,7 @@ class Part(NamedTuple):
 
 
 def write_trends(trends: Sequence[Trend], specimen: str, path: Path) -> None:
-    """Write the page of one or more checks over the life of a specimen. OSError if it cannot be written."""
+    """Write a page with the trends of one or more checks of a specimen. Raises OSError if it cannot be written."""
     parts = [_trend_part(place, trend) for place, trend in enumerate(trends)]
     sections = [part.section for part in parts]
     if parts[1:]:

@@ -143,7 +143,7 @@ def phases_of(events: list[RecordedEvent], start_ns: int, end_ns: int) -> list[P
 
 
 def put(path: Path, data: bytes) -> None:
-    """Write a file under another name first, and rename it when it is complete: readers never see a part of it."""
+    """Write a file under another name and rename it when it is complete, so that readers never see a part of it."""
     unfinished = path.with_name(path.name + ".part")
     with whole(unfinished, path):
         unfinished.write_bytes(data)

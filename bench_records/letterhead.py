@@ -35,7 +35,7 @@ class Letterhead(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read_letterhead(path: Path) -> Letterhead:
-    """Return the letterhead in a TOML file. RecordError with the key and its correction."""
+    """Return the letterhead in a TOML file. Raises RecordError with the key and its correction."""
     content: object = {}
     try:
         content = read_toml(path)

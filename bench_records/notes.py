@@ -25,7 +25,7 @@ FILE_MAX: Final = 50_000_000
 
 
 class Note(msgspec.Struct, frozen=True, kw_only=True):
-    """A comment, with a file or without. ``at`` is ISO 8601 in UTC."""
+    """A comment with an optional file. ``at`` is ISO 8601 in UTC."""
 
     at: str
     by: str
@@ -37,9 +37,9 @@ class Note(msgspec.Struct, frozen=True, kw_only=True):
 def add_note(
     directory: Path, text: str, by: str, file: Path | None = None, content: bytes | None = None
 ) -> Note:
-    """Add a note to the run in ``directory``; return it. ``content`` is that of the ``file``, if it is not read.
+    """Add a note to the run in ``directory`` and return it; ``content`` is that of the ``file``, if given.
 
-    RecordError without an author, or without a text and a file, or for a file that cannot be taken.
+    Raises RecordError without an author, without both text and file, or for a file that cannot be stored.
     """
     if not by.strip():
         raise RecordError(
@@ -63,7 +63,7 @@ def add_note(
 
 
 def _add(folder: Path, number: int, note: Note, file: Path | None, content: bytes | None) -> Note:
-    """Add a note under a number. FileExistsError if that is taken; a note that can be found is whole."""
+    """Add a note with a number; readers never see a part of it. Raises FileExistsError if the number is in use."""
     copy = None
     if file is not None and content is not None:
         copy = folder / f"{number:04}-{file.name}"

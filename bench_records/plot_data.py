@@ -1,4 +1,4 @@
-"""The numbers of the drawings of a report, packed for its script, which needs them to zoom and to show values.
+"""The numbers of the drawings of a report, packed for the page's script, which uses them to zoom and to display values.
 
 Each series is written once, in steps of 1/65534 of its range; all series are compressed together. The number of points
 is limited for runs of any length, so that the page is small enough for a mail.
@@ -39,7 +39,7 @@ class Trace(NamedTuple):
 
 
 class Plot(NamedTuple):
-    """A drawing as the script makes it: *time* panels zoom together, *sweep* has few points, *loop* closes."""
+    """A drawing for the script: *time* panels zoom together, a *sweep* has few points, a *loop* is a closed curve."""
 
     kind: Literal["time", "sweep", "loop"]
     title: str
@@ -62,7 +62,7 @@ class PlotData:
         self._count = 0
 
     def add(self, plot: Plot) -> int:
-        """Take a plot; return the number under which the script finds it."""
+        """Add a plot; return its number for the script."""
         told = plot._asdict()
         told["traces"] = [
             {
@@ -80,7 +80,7 @@ class PlotData:
         return len(self._plots) - 1
 
     def place(self, numbers: Numbers) -> list[float]:
-        """Keep a series of numbers; return where it begins, how many they are, and their range."""
+        """Store a series of numbers; return its start, its length and its range."""
         import numpy as np
 
         key = numbers.tobytes()
@@ -97,21 +97,21 @@ class PlotData:
 
     @property
     def json(self) -> str:
-        """The script's data of each plot, as JSON that is escaped so that it cannot close its HTML element."""
+        """The plots as JSON for the script, escaped so that it cannot close its HTML element."""
         return embedded(self._plots)
 
     @property
     def packed(self) -> str:
-        """All numbers: 16 bits each, the low byte first, deflated, in base 64."""
+        """All numbers as base64 of deflated 16-bit little-endian integers."""
         return base64.b64encode(zlib.compress(b"".join(self._parts), 6)).decode("ascii")
 
 
 def embedded(told: Any) -> str:
-    """Plain data as JSON, escaped so that it cannot close its HTML element."""
+    """Return plain data as JSON, escaped so that it cannot close its HTML element."""
     return json.dumps(told, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 @cache
 def asset(name: str) -> str:
-    """A file that travels within the page."""
+    """Return the text of a file that is embedded in the page."""
     return (ASSETS / name).read_text(encoding="utf-8")

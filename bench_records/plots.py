@@ -1,7 +1,7 @@
 """Common parts of the drawings of reports: colours, font, axes of a given size, and the SVG element for the page.
 
 Colours are those of Okabe and Ito, which people with any kind of colour vision can distinguish. No information depends
-on colour alone.  Text stays text, so that it has the font of the page and can be searched.
+on colour alone. Texts stay text, so that they have the font of the page and can be searched.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ FINER_THAN_SEEN = re.compile(r"(?<=\.\d\d)\d+")
 
 
 def style() -> Any:
-    """The type, lines and colours of every drawing, as a context."""
+    """Return a context manager that sets font, lines and colours of every drawing."""
     from matplotlib import rc_context
 
     return rc_context(
@@ -80,7 +80,7 @@ def panel(
     bottom: float = 0.3,
     top: float = 0.3,
 ) -> tuple[Figure, Axes]:
-    """A figure with one pair of axes; sizes and margins in inches."""
+    """Return a figure with one pair of axes; sizes and margins in inches."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), facecolor="none")
@@ -98,7 +98,9 @@ _BETWEEN: Final = 8.0
 
 
 def heading(axes: Axes, title: str, unit: str, what: str = "") -> None:
-    """The title on the left, quantity and unit on the right above the axes; smaller if there is no room for both."""
+    """Write the title on the left, quantity and unit on the right above the axes; smaller if there is no room for
+    both.
+    """
     told = ", ".join(filter(None, [what, unit]))
     room = 72.0 * axes.get_position().width * axes.figure.get_figure(root=True).get_figwidth()
     size = _TITLE * min(
@@ -110,7 +112,7 @@ def heading(axes: Axes, title: str, unit: str, what: str = "") -> None:
 
 
 def _width(text: str, size: float, *, bold: bool = False) -> float:
-    """The width in points of a text in the widest of the fonts that pages are shown in."""
+    """Return the width (points) of a text in the widest font of the page."""
     from matplotlib import font_manager, textpath
 
     if not text:
@@ -123,7 +125,7 @@ def _width(text: str, size: float, *, bold: bool = False) -> float:
 
 
 def number(value: float) -> str:
-    """A number with narrow spaces between thousands; drawings have no markup for them."""
+    """Return a number with narrow spaces between thousands; drawings have no markup for them."""
     return f"{value:,.10g}".replace(",", "\u2009").replace("-", "\u2212")
 
 
@@ -132,7 +134,7 @@ def plain_numbers(figure: Figure | SubFigure) -> None:
     from matplotlib.ticker import FuncFormatter, LogFormatter, LogFormatterSciNotation
 
     class Plain(LogFormatterSciNotation):
-        """Labels the ticks that it would label, as plain numbers."""
+        """Formatter that writes plain numbers at the same ticks."""
 
         def __call__(self, x: float, pos: Any = None) -> str:
             return number(x) if super().__call__(x, pos) else ""
@@ -146,7 +148,7 @@ def plain_numbers(figure: Figure | SubFigure) -> None:
 
 
 def svg(figure: Figure, name: str) -> str:
-    """The figure as an element for the page: its ids made its own, its path data no finer than the eye."""
+    """Return the figure as an SVG element for the page, with unique ids and path data rounded to visible precision."""
     plain_numbers(figure)
     out = StringIO()
     figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})

@@ -1,4 +1,4 @@
-"""A report on paper: the page as PDF, printed by a Chromium that this machine has."""
+"""Conversion of a report to PDF by an installed Chromium."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def browser() -> str | None:
 
 
 def browser_version(path: str) -> int | None:
-    """Return the main version of a browser; None if it does not report."""
+    """Return the main version of a browser; None if it does not report one."""
     try:
         told = subprocess.run([path, "--version"], check=False, capture_output=True, text=True, timeout=30.0)
     except (OSError, subprocess.SubprocessError):
@@ -40,7 +40,7 @@ def browser_version(path: str) -> int | None:
 
 
 def write_pdf(page: Path) -> Path:
-    """Print a report as PDF into the same folder; return its path. RecordError, with a remedy, if that fails."""
+    """Print a report as PDF to the same folder; return its path. Raises RecordError, with a remedy, if that fails."""
     program = browser()
     if program is None:
         looked_for = os.environ.get(CHOSEN) or ", ".join(BROWSERS)

@@ -1,9 +1,9 @@
-"""The writer of a record: takes samples from the receiver's thread, and keeps them even if the process is killed.
+"""The writer of a record: accepts samples from the receiver's thread, and keeps them even if the process is killed.
 
-During the run, no caller waits for the disk: ``receive`` only copies into memory. A thread of the recorder writes a
-batch every half second of the run's clock or of the wall clock, whichever is earlier.  In virtual time callers may
-wait, so each batch is written at once, which saves two changes of thread.  At the end, the stream is converted to a
-Parquet file whose bytes do not depend on the limits of the batches.
+During the run, no caller waits for the disk: ``receive`` only copies to memory. A thread of the recorder writes a batch
+every half second of the run's clock or of the wall clock, whichever is earlier. In virtual time callers may wait, so
+each batch is written at once, which saves two changes of thread. At the end, the stream is converted to a Parquet file
+whose bytes do not depend on the limits of the batches.
 """
 
 from __future__ import annotations
@@ -129,10 +129,10 @@ class Recorder:
         signal: npt.ArrayLike,
         values: npt.ArrayLike,
     ) -> None:
-        """Keep samples: three arrays of shape (n,): nanoseconds, index into the signals, value in SI.
+        """Store samples: three arrays of shape (n,): nanoseconds, index into the signals, value in SI.
 
-        The arrays are copied.  Raises ``RecordError`` for arrays that do not match or after ``close``, and for a
-        disk that failed meanwhile.
+        The arrays are copied. Raises ``RecordError`` for arrays of unequal length, after ``close``, and after a disk
+        error.
         """
         import numpy as np
 
@@ -190,7 +190,7 @@ class Recorder:
                 self.dropped += 1
 
     def phase_begins(self, time_ns: int, name: str) -> None:
-        """Open a named stretch of the run; one opened inside another lies a level deeper."""
+        """Open a named phase of the run; a phase that is opened inside another is one level deeper."""
         self.event(time_ns, "phase", name, edge="begin")
 
     def phase_ends(self, time_ns: int, name: str) -> None:
@@ -198,7 +198,7 @@ class Recorder:
         self.event(time_ns, "phase", name, edge="end")
 
     def flush(self) -> None:
-        """Hand everything kept so far to the operating system before returning."""
+        """Write all stored samples to the operating system."""
         with self._lock:
             self._refuse_if_unwritable()
         _undisturbed(self._drain)
@@ -206,7 +206,7 @@ class Recorder:
     def close(self, **meta: Any) -> Path:
         """Convert the stream to ``record.parquet`` and ``meta.json``; ``meta`` has the facts known only at the end.
 
-        Returns the path of the Parquet file.  A second call has no effect.  Raises ``NotKept`` if the disk failed; the
+        Returns the path of the Parquet file. A second call has no effect. Raises ``NotKept`` if the disk failed; the
         stream then stays readable, and can be converted later when the disk has space again.
         """
         _refuse_reserved(meta)
@@ -298,7 +298,7 @@ class Recorder:
                 copyfileobj(held, copy)
 
     def _refuse_if_gone(self) -> None:
-        """Raise FileNotFoundError if the stream is no longer where it was: it would end with this process."""
+        """Raise FileNotFoundError if the stream was moved or removed, because it would be lost with this process."""
         if not os.path.samestat((self.directory / STREAM).stat(), os.fstat(self._file.fileno())):
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
 
@@ -360,7 +360,10 @@ def _stream_schema() -> pa.Schema:
 
 
 def _create(head: Path, stream: Path) -> BinaryIO:
-    """Open ``head``, which becomes ``stream`` when the facts of the run are in it, and hold it."""
+    """Open and lock ``head``, which is renamed to ``stream`` when it has the facts of the run.
+
+    On systems that cannot rename open files, open ``stream`` itself.
+    """
     with begun(stream, f"the directory {stream.parent}"):
         stream.parent.mkdir(parents=True, exist_ok=True)
     in_place = not OPEN_FILES_MOVE

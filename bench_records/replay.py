@@ -1,4 +1,4 @@
-"""A run for the drawing of the bench: readings at the instants that an eye distinguishes , valves, states, events."""
+"""Data of a run for the animated drawing of the bench: readings at visible intervals, valves, states, events."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _STATE: Final = "rig.state"
 
 
 def replay_of(record: Record, numbers: PlotData) -> dict[str, Any] | None:
-    """The data of a run for the script of the drawing; its series go to ``numbers``. None if there is no reading."""
+    """Return the data of a run for the script of the drawing; its series go to ``numbers``. None without readings."""
     step = max(APART, math.ceil(1000 * record.duration / PICTURES) / 1000)
     signals = [_signal(record, one.name, one.unit, numbers, step) for one in MEASUREMENTS]
     if all(one["at"] is None for one in signals):
@@ -85,7 +85,7 @@ def thinned(
     step: float,
     decimals: int,
 ) -> npt.NDArray[np.float64]:
-    """The sample that is valid at each of the instants 0, ``step`` ... (s), in its unit; NaN if there is none."""
+    """Return the sample that is valid at each of the instants 0, ``step`` … (s), in its unit; NaN if there is none."""
     import numpy as np
 
     grid = np.arange(math.floor(duration / step + 1e-6) + 1) * step

@@ -58,11 +58,11 @@ CLOSE_ROWS: Final = 4
 
 
 def write_report(directory: Path | str, letterhead: Letterhead | None = None) -> Path:
-    """Write ``report.html`` from the record and the result in a directory; returns its path.
+    """Write ``report.html`` from the record and the result in a directory; return its path.
 
-    The report of a run without a result states this and shows the recorded data. The bytes depend only on the
-    two files, the notes in the directory and the letterhead. Without a ``letterhead`` that of the environment is used,
-    if any. Raises ``RecordError`` if the record or the letterhead cannot be read, or the disk refuses the page.
+    The report of a run without a result states this and shows the recorded data. The bytes depend only on the two
+    files, the notes in the directory and the letterhead. Without a ``letterhead`` that of the environment is used, if
+    any. Raises ``RecordError`` if the record or the letterhead cannot be read, or the disk refuses the page.
     """
     path = Path(directory) / REPORT
     page = report_page(directory, letterhead).encode()
@@ -423,7 +423,7 @@ def _timing(timing: Timing) -> Markup:
 
 
 def _facts(meta: dict[str, Any], result: Result) -> list[tuple[str, str]]:
-    """Return the facts to repeat the run: flat, in order, each once."""
+    """Return the facts needed to repeat the run: flat, in order, each once."""
     beside = {name: value for name, value in meta.items() if name not in {"title", "instruction"}}
     facts: dict[str, Any] = {"plan": result.plan, "rig": result.rig, "seed": result.seed, **beside}
     if isinstance(told := meta.get("instruments"), dict):  # a table has the pieces

@@ -1,4 +1,4 @@
-"""The drawings of a report: each function gives one SVG element, the same bytes for the same data."""
+"""The drawings of a report: each function returns one SVG element, the same bytes for the same data."""
 
 from __future__ import annotations
 
@@ -62,10 +62,10 @@ class Series(NamedTuple):
 
 
 def envelope(times: Numbers, values: Numbers, bins: int = BINS) -> tuple[Numbers, Numbers]:
-    """A series thinned to its extremes: for each of ``bins`` stretches of time its minimum and maximum.
+    """Return a series reduced to its extremes: minimum and maximum of each of ``bins`` intervals of time.
 
-    All peaks stay, and no value is interpolated.  Series that are short enough are returned unchanged.  NaN breaks
-    the line only where a whole stretch has no number; stretches without samples become NaN as well.
+    All peaks stay, and no value is interpolated. Series that are short enough are returned unchanged. NaN breaks the
+    line only if a whole interval has no number; intervals without samples become NaN as well.
     """
     import numpy as np
 
@@ -99,7 +99,9 @@ def time_panel(
     marks: Sequence[float] = (),
     levels: Sequence[float] = (),
 ) -> str:
-    """Signals of one quantity over time, phases shaded, trips marked at their times, limits at their levels."""
+    """Return signals of one quantity over time, with shaded phases, marks at the times of trips, and limits as
+    levels.
+    """
     from matplotlib.lines import Line2D
 
     height = 1.62 + 0.17 * max(0, len(lines) - MANY_LINES)
@@ -131,7 +133,7 @@ def time_panel(
 def strips(
     name: str, rows: Sequence[tuple[str, Sequence[tuple[float, float, str]]]], span: tuple[float, float]
 ) -> str:
-    """Rows of named stretches over time: the phases, and every signal whose values have names."""
+    """Return rows of named intervals over time: the phases, and every signal whose values have names."""
     with sheet(Margins(0.23 * len(rows) + 0.30, bottom=0.28, top=0.02)) as paper:
         axes = paper.axes
         axes.set_xlim(*span)
@@ -155,7 +157,9 @@ def strips(
 
 
 def curve_panel(name: str, title: str, curves: Sequence[Curve]) -> str:
-    """Curves that share their axes: loops with a sequence of colours, sweeps with marked points and their limits."""
+    """Return curves that share their axes: loops with a sequence of colours, sweeps with marked points and their
+    limits.
+    """
     x, y = curves[0].x, curves[0].y
     traces, pointed = curve_traces(curves), curves[0].kind == "sweep"
     with sheet(CURVE) as paper:
@@ -206,7 +210,7 @@ def _labels_below(paper: Sheet, traces: Sequence[Trace], *, pointed: bool) -> No
 
 
 def _error_bars(axes: Axes, trace: Trace) -> None:
-    """Draw the expanded uncertainty of each point to both sides."""
+    """Draw the expanded uncertainty of each point on both sides."""
     if trace.expanded is None:
         return
     import numpy as np
@@ -228,15 +232,15 @@ def _over_decades(axes: Axes, ticks: Sequence[float]) -> None:
 
 
 def is_over_decades(curves: Sequence[Curve]) -> bool:
-    """Whether the points are at frequencies, which are drawn on a logarithmic scale."""
+    """Return whether the points are at frequencies, which are drawn on a logarithmic scale."""
     places = [n for one in curves for n in one.xs if n is not None]
     return curves[0].x.unit == "Hz" and bool(places) and min(places) > 0.0 and max(places) > 2.0 * min(places)
 
 
 def labelled_frequencies(curves: Sequence[Curve]) -> list[float]:
-    """The frequencies of the points, but of those that stand too near to write, on a logarithmic scale, only some.
+    """Return the frequencies of the points that are labelled on a logarithmic scale without overlap.
 
-    The lowest and the highest are among them, and in between the first from the left for which there is room.
+    These are the lowest and the highest, and in between, from the left, each one for which there is room.
     """
     places = sorted({n / one.x.scale for one in curves for n in one.xs if n})
     first, *_, last = places
@@ -254,7 +258,7 @@ def labelled_frequencies(curves: Sequence[Curve]) -> list[float]:
 
 
 def curve_traces(curves: Sequence[Curve]) -> list[Trace]:
-    """The lines of a group of curves in display units, then their limits, each once."""
+    """Return the lines of a group of curves in display units, then their limits, each once."""
     from matplotlib import colormaps
     from matplotlib.colors import to_hex
 
@@ -294,12 +298,12 @@ def _expanded(one: Curve) -> Numbers | None:
 
 
 def _wide(index: int, count: int) -> float:
-    """The width of a line: earlier ones are wider, so that one which runs under another shows at its edges."""
+    """Return the width of a line: earlier lines are wider, so that a line below another is visible at its edges."""
     return 0.9 + 1.5 * (count - 1 - index) / (count - 1) if 1 < count <= MANY_LINES else 1.0
 
 
 def lateness(name: str, timing: Timing) -> str:
-    """Histogram of tick lateness; the scale of counts is logarithmic because the rare late ticks matter."""
+    """Return a histogram of tick lateness; the scale of counts is logarithmic because the rare late ticks matter."""
     from matplotlib.ticker import LogLocator, NullLocator
 
     with style():
@@ -340,18 +344,18 @@ def _joined(*parts: str) -> str:
 
 
 def _right_of_axes(paper: Sheet, share: float) -> float:
-    """A place right of the axes, given as a share of their width."""
+    """Return a position right of the axes, for a ``share`` of their width above 1."""
     return paper.left + share * (paper.right - paper.left)
 
 
 def look(index: int, label: str) -> tuple[str, tuple[float, ...]]:
-    """The colour and the dashes of a line; lines of the right axis are dashed."""
+    """Return colour and dashes of a line; lines of the right side are dashed."""
     dash = DASH if "right" in label.split() else DOTS if index >= len(PALETTE) else ()
     return PALETTE[index % len(PALETTE)], dash
 
 
 def without_common_end(labels: Sequence[str]) -> list[str]:
-    """Labels without the last word if all have it, because the title of the panel has it."""
+    """Return labels without the last word if all have it, because the title of the panel has it."""
     words = [label.split() for label in labels]
     if len(words) > 1 and len({one[-1] for one in words if one}) == 1 and all(len(one) > 1 for one in words):
         return [" ".join(one[:-1]) for one in words]
@@ -363,7 +367,7 @@ def _linestyle(dash: tuple[float, ...]) -> Any:
 
 
 def _side_labels(paper: Sheet, labels: Sequence[str]) -> None:
-    """Names next to the lines, in their colours: nearer to the eye than a legend in a box."""
+    """Write names next to the lines, in their colours, which is easier to read than a legend."""
     from matplotlib.lines import Line2D
 
     first = paper.top + 0.05 * (paper.bottom - paper.top)
@@ -385,7 +389,7 @@ def _side_labels(paper: Sheet, labels: Sequence[str]) -> None:
 
 
 def _open_flat_band(paper: Sheet) -> None:
-    """Keep noise on a constant from filling the panel as if it were a signal."""
+    """Widen the scale of a nearly constant signal, so that its noise does not fill the panel."""
     low, high = paper.axes.get_ylim()
     least = 0.02 * max(abs(low), abs(high))
     if high - low < least:

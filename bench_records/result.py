@@ -75,7 +75,7 @@ def judge(
 
 
 def band_width(low: float | None, high: float | None) -> float:
-    """Return the width that ``margin`` is a fraction of."""
+    """Return the width for ``margin``: that of the band, or the magnitude of a single limit."""
     if low is not None and high is not None:
         return high - low
     return abs(low if low is not None else high if high is not None else 0.0)
@@ -129,7 +129,7 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def passed(self) -> bool:
-        """Whether the value lies within its limits, near to one or not."""
+        """Whether the value is within its limits."""
         return self.verdict in {CheckVerdict.PASS, CheckVerdict.MARGINAL}
 
     @property
@@ -144,7 +144,7 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def guard(self) -> float:
-        """How far inside a limit a value passes without being marginal (SI)."""
+        """The distance from a limit (SI) at which a value is not marginal."""
         if self.u is None:
             return self.margin * band_width(self.low, self.high)
         return (guard_factor(self.even / self.u) if self.u else 0.0) * self.u
@@ -193,8 +193,8 @@ def check(
 ) -> Check:
     """Judge a value (SI) against limits (SI); ``u`` is its standard uncertainty, ``without`` the reason if it has none.
 
-    Raises ``ValueError`` for a check that could not fail or could not pass: no limit at all, limits that are not
-    finite or stand the wrong way round, a margin outside 0 to 0.5.
+    Raises ``ValueError`` for a check that could not fail or could not pass: no limit, limits that are not finite or in
+    the wrong order, a margin outside 0 to 0.5.
     """
     value = float(value) if math.isfinite(value) else math.nan
     low, high = (None if limit is None else float(limit) for limit in (low, high))
@@ -222,7 +222,7 @@ def check(
 
 
 def unavailable(name: str, reason: str, *, phase: str = "", about: str = "") -> Check:
-    """Return a check that is not available on this rig, with the ``reason``. ValueError without a reason."""
+    """Return a check that is not available on this rig, with the ``reason``. Raises ValueError without a reason."""
     return Check(
         name=name,
         value=math.nan,
@@ -303,7 +303,7 @@ class Timing(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SpecimenFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """Which specimen was on the bench, and the file with its drawing and limits."""
+    """The specimen on the bench, and the file with its drawing and limits."""
 
     type: str
     serial_number: str
@@ -348,23 +348,23 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         return max((phase.end for phase in self.phases), default=0.0)
 
     def count(self, verdict: CheckVerdict) -> int:
-        """How many checks got this verdict."""
+        """Return the number of checks with this verdict."""
         return sum(1 for one in self.checks if one.verdict is verdict)
 
     def to_json(self) -> bytes:
-        """The result as JSON, indented, the same bytes for the same result."""
+        """Return the result as indented JSON, the same bytes for the same result."""
         return msgspec.json.format(msgspec.json.encode(self), indent=2) + b"\n"
 
     @staticmethod
     def from_json(data: bytes) -> Result:
-        """The result that ``to_json`` wrote.  Raises ``RecordError`` for anything else."""
+        """Return the result that ``to_json`` wrote. Raises ``RecordError`` for anything else."""
         try:
             return msgspec.json.decode(data, type=Result)
         except (msgspec.MsgspecError, RecursionError, UnicodeError) as error:
             raise RecordError(f"this is not a result of a test plan: {str(error)[:200]}") from error
 
     def write(self, directory: Path | str) -> Path:
-        """Write ``result.json`` into the directory."""
+        """Write ``result.json`` to the directory; return its path."""
         path = Path(directory) / RESULT
         path.parent.mkdir(parents=True, exist_ok=True)
         put(path, self.to_json())

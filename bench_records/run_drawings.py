@@ -28,7 +28,7 @@ TRIP = "trip"
 
 
 def numbered(phases: list[Phase]) -> list[tuple[str, Phase]]:
-    """Phases with the numbers that the strip shows; set-up, main and tear-down carry their names there."""
+    """Return phases with their numbers in the strip; set-up, main and tear-down have names there instead."""
     numbers = count(1)
     return [(str(next(numbers)) if phase.level else "", phase) for phase in phases]
 
@@ -45,14 +45,16 @@ def phase_list(phases: list[Phase]) -> Markup:
 
 
 class Drawn(NamedTuple):
-    """A drawing as a picture, and with its numbers, to zoom into."""
+    """A drawing as a picture, and its numbers for zooming."""
 
     picture: str
     plot: Plot
 
 
 def time_panels(record: Record, phases: list[Phase], span: tuple[float, float]) -> list[Drawn]:
-    """A drawing over ``span`` (s) for each quantity: phases of the finest level shaded, the first trip marked."""
+    """Return a drawing over ``span`` (s) for each quantity, with shaded phases of the finest level and the first
+    trip.
+    """
     from bench_records.report_plots import time_panel
 
     finest = max((phase.level for phase in phases), default=0)
@@ -80,7 +82,7 @@ def _fine(lines: list[Series]) -> list[Trace]:
 
 
 def lines_by_quantity(record: Record, names: list[str]) -> list[tuple[str, str, list[Series]]]:
-    """Drawn signals by quantity, in the order of the table of signals; one unit to a panel."""
+    """Return the drawn signals by quantity, in the order of the table of signals; one unit in a panel."""
     from bench_records.report_plots import Series
 
     panels: dict[tuple[str, str], list[Series]] = {}
@@ -96,7 +98,7 @@ def lines_by_quantity(record: Record, names: list[str]) -> list[tuple[str, str, 
 
 
 def phase_strips(record: Record, phases: list[Phase], span: tuple[float, float]) -> str:
-    """The phases, level by level, and the signals whose values have names, over ``span`` (s)."""
+    """Return the phases by level, and the signals whose values have names, over ``span`` (s)."""
     import numpy as np
 
     from bench_records.report_plots import strips
@@ -138,7 +140,7 @@ class Table(NamedTuple):
 
 
 def curve_plots(curves: list[Curve]) -> list[Drawn]:
-    """A plot for each group of curves that share their axes, in the order in which they were kept."""
+    """Return a plot for each group of curves that share their axes, in the order in which they were stored."""
     from bench_records.report_plots import curve_panel, curve_traces, is_over_decades, labelled_frequencies
 
     groups: dict[tuple[str, Axis, Axis, Any], list[Curve]] = {}
@@ -158,7 +160,7 @@ def _titled(axis: Axis) -> str:
 
 
 def curve_tables(curves: list[Curve]) -> list[Table]:
-    """The numbers of all sweeps, those over the same points next to each other; loops have too many to print."""
+    """Return tables of all sweeps, those over the same points side by side; loops have too many points."""
     over: dict[tuple[Axis, tuple[float | None, ...]], list[Curve]] = {}
     for one in curves:
         if one.kind == "sweep":

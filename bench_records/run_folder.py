@@ -1,4 +1,4 @@
-"""Reads the folder of a run, whether the run has ended, was interrupted, or is still running."""
+"""Reader of the folder of a run, whether the run has ended, was interrupted, or is still running."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Unfinished(StrEnum):
 
 
 class RunFolder(NamedTuple):
-    """A run: its result (made from the record if the run left none), the facts of its origin, and its verdict."""
+    """A run: its result (made from the record if there is none), the facts of its origin, and its verdict."""
 
     result: Result
     facts: dict[str, Any]
@@ -39,7 +39,7 @@ class RunFolder(NamedTuple):
 
 
 def open_run(directory: Path) -> RunFolder:
-    """Return the run in a folder. RecordError if the folder holds no run, or a run that cannot be read."""
+    """Return the run in a folder. Raises RecordError if the folder has no run, or one that cannot be read."""
     if (directory / RESULT).exists():
         result = read_result(directory)
         return RunFolder(result, facts_of(directory), result.verdict.value)
@@ -54,7 +54,7 @@ def open_run(directory: Path) -> RunFolder:
 
 
 def result_without(record: Record) -> Result:
-    """Return the result of an interrupted run that left none: its checks until then, and the phase of the end."""
+    """Return the result of an interrupted run without one: its checks until then, and the phase in which it ended."""
     inside = [phase.name for phase in record.phases if phase.end >= record.duration]
     where = f", in {' › '.join(inside)}" if inside else ""
     return _unfinished(
@@ -121,7 +121,7 @@ def _details(events: list[RecordedEvent], kind: str, form: Any) -> list[Any]:
 
 
 def circumstances(meta: Mapping[str, Any]) -> list[str]:
-    """Return a text on simulation and time of a run from its meta data; empty for a real rig in real time.
+    """Return texts on simulation and time of a run from its meta data; empty for a real rig in real time.
 
     ``simulated`` (bool), ``time`` ("virtual"), ``effects`` and ``change`` (name to text), ``sealed_effects`` (bool).
     """

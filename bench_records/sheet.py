@@ -42,7 +42,7 @@ class Margins(NamedTuple):
 
 
 class Sheet:
-    """One drawing: ``axes`` for matplotlib, and words, which are placed in points from the upper left corner."""
+    """One drawing: ``axes`` for matplotlib, and texts with positions in points from the upper left corner."""
 
     def __init__(self, figure: Figure, axes: Axes, margins: Margins) -> None:
         self._figure, self.axes = figure, axes
@@ -51,14 +51,14 @@ class Sheet:
         self._words: list[str] = []
 
     def x(self, value: float) -> float:
-        """Where a value lies on the horizontal scale, in points."""
+        """Return the horizontal position of a value in points."""
         low, high = self.axes.get_xlim()
         if self.axes.get_xscale() == "log":
             low, high, value = math.log(low), math.log(high), math.log(value)
         return self.left + (value - low) / (high - low) * (self.right - self.left)
 
     def y(self, value: float) -> float:
-        """Where a value lies on the vertical scale, in points."""
+        """Return the vertical position of a value in points."""
         low, high = self.axes.get_ylim()
         return self.bottom - (value - low) / (high - low) * (self.bottom - self.top)
 
@@ -77,13 +77,13 @@ class Sheet:
         color: str = SOFT,
         bold: bool = False,
     ) -> None:
-        """Set text that is on ``y`` and begins, ends or has its middle at ``x``."""
+        """Add a text at ``y`` that begins, ends or has its middle at ``x``."""
         weight = "font-weight: 700; " if bold else ""
         look = f"{weight}font-size: {size:g}px; text-anchor: {anchor}; fill: {color}"
         self._words.append(f'<text style="{look}" x="{x:.2f}" y="{y:.2f}">{html.escape(text)}</text>')
 
     def mark_scale_without_zero(self) -> None:
-        """Break the vertical scale by a zigzag at the end beyond which its zero lies."""
+        """Draw a zigzag on the vertical scale, at the end toward zero, if the scale does not include zero."""
         low, high = self.axes.get_ylim()
         if low <= 0.0 <= high:
             return
@@ -96,12 +96,12 @@ class Sheet:
         )
 
     def heading(self, title: str, measured: str) -> None:
-        """Set the title on the left above the axes, and the quantity and its unit on the right."""
+        """Add the title on the left above the axes, and the quantity and its unit on the right."""
         self.write(self.left, self.top - 5, title, size=9.5, color=INK, bold=True)
         self.write(self.right, self.top - 5, measured, size=8.5, anchor="end")
 
     def horizontal_numbers(self, *, lines: bool = True) -> str:
-        """Set the numbers of the horizontal scale, with lines above them; return their common factor, if any."""
+        """Add the numbers of the horizontal scale, with lines above them; return their common factor, if any."""
         places, factor = _ticks(self.axes.xaxis)
         for value, text in places:
             self.write(self.x(value), self.bottom + GAP + FROM_ABOVE * NUMBERS, text, anchor="middle")
@@ -110,7 +110,7 @@ class Sheet:
         return factor
 
     def vertical_numbers(self) -> str:
-        """Set the numbers of the vertical scale, with lines next to them; return their common factor, if any."""
+        """Add the numbers of the vertical scale, with lines next to them; return their common factor, if any."""
         places, factor = _ticks(self.axes.yaxis)
         for value, text in places:
             self.write(self.left - GAP, self.y(value) + OF_FIGURES * NUMBERS, text, anchor="end")
@@ -118,16 +118,16 @@ class Sheet:
         return factor
 
     def seconds(self) -> None:
-        """Set the unit next to the last number of the scale, where there is free space."""
+        """Add the unit "s" next to the last number of the scale, where there is free space."""
         self.write(self.right + 9, self.bottom + 3.2 + FROM_ABOVE * NUMBERS, "s")
 
     def fill(self, boxes: Sequence[Box], color: str, **rest: Any) -> None:
-        """Fill rectangles, all as one shape; they do not count for the limits of the axes."""
+        """Fill rectangles as one shape; they do not affect the limits of the axes."""
         corners = [[(x0, y0), (x0, y1), (x1, y1), (x1, y0), (x0, y0)] for x0, y0, x1, y1 in boxes]
         self._shape(corners, closed=True, facecolor=color, linewidth=0, **rest)
 
     def drawn(self, name: str) -> str:
-        """The drawing as an element for the page."""
+        """Return the drawing as an SVG element for the page."""
         lines, end, rest = svg(self._figure, name).rpartition("</svg>")
         return lines + "\n".join([*self._words, end]) + rest
 
@@ -147,9 +147,9 @@ class Sheet:
 
 @contextmanager
 def sheet(margins: Margins) -> Iterator[Sheet]:
-    """A sheet to draw on; at the end its axes are cleared of all that was added meanwhile, for the next of its size.
+    """Yield a sheet to draw on; at the end its axes are cleared for the next drawing of this size.
 
-    Making axes and their scales takes as long as drawing ten lines in them.
+    Creating axes and their scales takes as long as drawing ten lines in them.
     """
     with style():
         figure, axes = _shared(margins)
@@ -175,7 +175,7 @@ def _shared(margins: Margins) -> tuple[Figure, Axes]:
 
 
 def _ticks(axis: Axis) -> tuple[list[tuple[float, str]], str]:
-    """The places of a scale that lie within it, with their numbers, and the factor that all numbers have in common."""
+    """Return the ticks of a scale within its range, with their numbers, and the common factor of all numbers."""
     low, high = sorted(axis.get_view_interval())
     slack = 1e-9 * (high - low)
     places, formatter = axis.get_majorticklocs().tolist(), axis.get_major_formatter()

@@ -23,14 +23,14 @@ SHORT: Final = 12
 
 
 class Entry(NamedTuple):
-    """One fact of the head; without a text, a line to write it on."""
+    """One fact in the head; without a text, a line to fill in by hand."""
 
     name: str
     text: str
 
 
 class Instrument(NamedTuple):
-    """A piece of equipment and the readings that it gave."""
+    """An instrument and the readings that it gave."""
 
     readings: str
     type: str
@@ -41,7 +41,9 @@ class Instrument(NamedTuple):
 
 
 def identification(record: Record, result: Result, duration: float) -> list[Entry]:
-    """The first table of a report: the entries of every run, even if empty, and the additional ones of this run."""
+    """Return the first table of a report: the entries of every run, even if empty, and the additional ones of this
+    run.
+    """
     meta, specimen = record.meta, result.specimen
     virtual = meta.get("time") == "virtual"
     entries = [
@@ -67,7 +69,7 @@ def identification(record: Record, result: Result, duration: float) -> list[Entr
 
 
 def instruments_of(meta: Mapping[str, Any]) -> list[Instrument]:
-    """The instruments of a run, each once with all its readings."""
+    """Return the instruments of a run, each once with all its readings."""
     told = meta.get("instruments", {})
     found: dict[tuple[str, ...], list[str]] = {}
     for piece in told.get("pieces", ()) if isinstance(told, dict) else ():
@@ -80,12 +82,12 @@ def instruments_of(meta: Mapping[str, Any]) -> list[Instrument]:
 
 
 def files_of(directory: Path) -> list[tuple[str, str]]:
-    """The files that a report is made of, with their checksums."""
+    """Return the source files of a report with their checksums."""
     return [(name, sha256_of(directory / name)) for name in (PARQUET, RESULT) if (directory / name).exists()]
 
 
 def footing(result: Result, files: list[tuple[str, str]]) -> str:
-    """The footer of every printed page, as the content of a string in a style sheet.
+    """Return the footer of every printed page, as the content of a string in a style sheet.
 
     All characters except letters and digits are escaped by their number, so that no text can end the string.
     """

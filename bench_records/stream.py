@@ -1,4 +1,4 @@
-"""The stream that a run writes: its holder, and its contents, even if it is cut off at any byte.
+"""The stream that a run writes: its lock, and its contents, even if it is cut off at any byte.
 
 Its head is written first. Its writer holds a lock, which the operating system releases when the process ends for any
 reason. So a stream without a lock belongs to a run that was cut off.
@@ -60,14 +60,14 @@ class Streamed(NamedTuple):
 
 
 def is_held(directory: Path) -> bool:
-    """Return whether a run is writing into ``directory`` now."""
+    """Return whether a run is writing to ``directory`` now."""
     with suppress(OSError), (directory / STREAM).open("rb") as file:
         return not hold(file, shared=True)
     return False
 
 
 def refuse_held(directory: Path) -> None:
-    """Raise ``RecordError`` if a run is writing into ``directory`` now."""
+    """Raise ``RecordError`` if a run is writing to ``directory`` now."""
     if is_held(directory):
         raise RecordError(f"the run is still writing {directory / STREAM}; wait until it has ended")
 
@@ -146,7 +146,7 @@ def _facts(schema: pa.Schema, stream: Path) -> dict[str, Any]:
 
 @contextmanager
 def metadata_errors(path: Path) -> Iterator[None]:
-    """Raise RecordError in the block if the meta data of a file are damaged."""
+    """Convert errors in the block to RecordError: the meta data of a file are damaged."""
     try:
         yield
     except (msgspec.MsgspecError, KeyError, UnicodeError, RecursionError):

@@ -1,4 +1,4 @@
-"""One check of one specimen over its life: every value with its limits, the scatter, and whether it drifts."""
+"""One check of one specimen over its life: every value with its limits, the scatter and the drift."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ CONFIDENCE: Final = 0.95
 
 
 class Drift(msgspec.Struct, frozen=True):
-    """A straight line through values over time: SI per day, with the half width of its 95 % interval."""
+    """A fitted line through values over time: SI per day, with the half-width of its 95 % interval."""
 
     per_day: float
     half_width: float
 
     @property
     def is_seen(self) -> bool:
-        """Whether the interval leaves zero out."""
+        """Whether the interval excludes zero."""
         return abs(self.per_day) > self.half_width
 
 
@@ -42,7 +42,7 @@ class Trend(msgspec.Struct, frozen=True, kw_only=True):
 def trend_of(name: str, checks: Sequence[KeptCheck]) -> Trend:
     """Return the trend of the values of ``checks``. Checks without a value are listed, but not part of the statistics.
 
-    The drift is a least squares line with Student's interval; it assumes independent values with equal scatter.
+    The drift is a least-squares line with Student's interval; it assumes independent values with equal scatter.
     """
     instants = [datetime.fromisoformat(one.run.began).timestamp() for one in checks]
     days = [(instant - min(instants)) / DAY for instant in instants]

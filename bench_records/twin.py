@@ -1,4 +1,4 @@
-"""Results of the twin, the model that runs in parallel with a run; kept in the directory of the run."""
+"""Results of the twin, the model that runs in parallel with a run; stored in the directory of the run."""
 
 from pathlib import Path
 from typing import Final
@@ -98,7 +98,7 @@ class Deviation(msgspec.Struct, frozen=True, rename={"detected": "told"}):
 
     @property
     def lasts(self) -> bool:
-        """Whether the deviation still lasts, by the data so far."""
+        """Whether the deviation still lasts, according to the data so far."""
         return self.over is None and not self.withdrawn
 
 
@@ -150,13 +150,13 @@ class TwinStory(msgspec.Struct, frozen=True, rename={"all_deviations": "partings
 
 
 def write_twin(directory: Path, story: TwinStory) -> None:
-    """Write the results of the twin into the directory of its run. ``NotKept`` if the disk refuses it."""
+    """Write the results of the twin to the directory of its run. Raises NotKept for a disk error."""
     with kept(directory / TWIN):
         put(directory / TWIN, msgspec.json.format(msgspec.json.encode(story), indent=2) + b"\n")
 
 
 def read_twin(directory: Path) -> TwinStory | None:
-    """Return the results of the twin; None for a run without one. RecordError if the file is damaged."""
+    """Return the results of the twin; None for a run without one. Raises RecordError if the file is damaged."""
     path = directory / TWIN
     if not path.exists():
         return None

@@ -15,7 +15,7 @@ _UNITS = {"1": "", "deg": "°", "degC": "°C", "us": "µs"}
 
 
 def unit(name: str) -> str:
-    """A unit as it is printed, ``kN*s/m`` as kN·s/m and ``m2`` as m²; nothing for a pure number."""
+    """Return the printed form of a unit: ``kN*s/m`` as kN·s/m and ``m2`` as m²; "" for a pure number."""
     if name in _UNITS:
         return _UNITS[name]
     powers = re.sub(r"(?<=[A-Za-z])-?[23]\b", lambda m: m[0].translate(SUPERSCRIPT), name)
@@ -23,17 +23,17 @@ def unit(name: str) -> str:
 
 
 def primed(text: str) -> str:
-    """A text with the primes of its symbols set: one behind a capital as ′, two as ″."""
+    """Return a text with typographic primes of its symbols: one behind a capital as ′, two as ″."""
     return re.sub(r"\b([A-Z])(\'{1,2})(?![\w\'])", lambda m: m[1] + ("′" if len(m[2]) == 1 else "″"), text)
 
 
 def seconds(value: float) -> str:
-    """A time in s with its unit, to a tenth."""
+    """Return a time in s with its unit, to a tenth."""
     return f"{value:.1f}{THIN_SPACE}s"
 
 
 def fixed(value: float, decimals: int) -> str:
-    """A number with that many decimals; a dash where there is none."""
+    """Return a number with ``decimals`` decimals; a dash for NaN or ∞."""
     if not math.isfinite(value):
         return "\u2013"
     whole, _, fraction = f"{value:,.{decimals}f}".partition(".")
@@ -42,18 +42,18 @@ def fixed(value: float, decimals: int) -> str:
 
 
 def aligned(text: str, most: int) -> str:
-    """Padded on the right, so that decimal points stand under each other in a right-aligned column."""
+    """Pad a text on the right, so that decimal points are aligned in a right-aligned column."""
     _, point, fraction = text.partition(".")
     return text + ("" if point or not most else PUNCTUATION_SPACE) + FIGURE_SPACE * (most - len(fraction))
 
 
 def is_scientific(text: str) -> bool:
-    """Whether a number was printed with a power of ten."""
+    """Return whether a printed number has a power of ten."""
     return "\u00b7" in text
 
 
 def scientific(value: float, decimals: int) -> str:
-    """A number as mantissa and power of ten; a dash where there is none."""
+    """Return a number as mantissa and power of ten; a dash for NaN or ∞."""
     if not math.isfinite(value):
         return "\u2013"
     mantissa, _, exponent = f"{value:.{decimals}e}".partition("e")
@@ -61,7 +61,7 @@ def scientific(value: float, decimals: int) -> str:
 
 
 def plain(value: Any) -> str:
-    """A fact of the meta data: numbers with six digits, lists with commas."""
+    """Return a fact of the meta data as text: numbers with six digits, lists with commas."""
     if isinstance(value, float):
         return f"{value:.6g}".replace("-", MINUS)
     if isinstance(value, list):
@@ -70,9 +70,9 @@ def plain(value: Any) -> str:
 
 
 def with_uncertainty(value: float, half: float) -> tuple[str, str]:
-    """A value and its uncertainty, written to the same digit: the first digit of ``half``, or two if it is below 35.
+    """Return a value and its uncertainty, written to the same digit: the first of ``half``, or two digits if below 35.
 
-    Both are in the same power of ten where they are far from 1; without a known ``half`` the value has four digits.
+    Numbers far from 1 have a common power of ten. Without a known ``half`` the value has four digits.
     """
     if not math.isfinite(half) or half <= 0.0 or not math.isfinite(value):
         return significant(value, 4), "\u2013"
@@ -87,7 +87,7 @@ def with_uncertainty(value: float, half: float) -> tuple[str, str]:
 
 
 def significant(value: float, digits: int) -> str:
-    """A number in so many significant digits, far from 1 as a power of ten; a dash where there is none."""
+    """Return a number with ``digits`` significant digits, far from 1 with a power of ten; a dash for NaN or ∞."""
     if not math.isfinite(value):
         return "\u2013"
     if value == 0.0:

@@ -54,9 +54,9 @@ _TRENDS: Final = ("check", "unit", "runs", "mean", "scatter", "drift a day", "±
 
 @contextmanager
 def workbook(path: Path) -> Iterator[Any]:
-    """Yield a workbook of xlsxwriter, which is in ``path`` afterwards: whole or not at all.
+    """Yield a workbook of xlsxwriter, and write it to ``path`` at the end, completely or not at all.
 
-    RecordError without the extra `excel`, OSError if the file cannot be written.
+    Raises RecordError without the extra `excel`, and OSError if the file cannot be written.
     """
     if not installed("excel"):
         raise RecordError(lacking("excel", "tables for Excel"))
@@ -82,7 +82,7 @@ def write_row(sheet: Any, place: int, values: Sequence[Any], *form: Any) -> None
 def write_run(record: Record, result: Result | None, path: Path, rate: float, names: Sequence[str]) -> int:
     """Write a run: facts, checks, curves, and its record at ``rate`` (Hz); return the number of rows of the record.
 
-    RecordError for an unknown name, or for more rows than a sheet has.
+    Raises RecordError for an unknown name, or for more rows than a sheet has.
     """
     from bench_records.exchange import table_of
 
@@ -106,7 +106,7 @@ def write_run(record: Record, result: Result | None, path: Path, rate: float, na
 
 
 def write_trends_book(trends: Sequence[Trend], path: Path) -> None:
-    """Write trends: a sheet of summaries, and one of all values. RecordError without the extra `excel`."""
+    """Write trends: a sheet of summaries, and one of all values. Raises RecordError without the extra `excel`."""
     with workbook(path) as book:
         _sheet(book, "trends", _TRENDS, map(_trend_row, trends))
         date = book.add_format({"num_format": "yyyy-mm-dd hh:mm:ss"})

@@ -1,1 +1,1 @@
-"""Reads tables of samples that other programs wrote, as CSV, Parquet, Arrow or MDF; refuses an ambiguous table."""
+"""Reader of tables of samples from other programs, as CSV, Parquet, Arrow or MDF; refuses an ambiguous table."""

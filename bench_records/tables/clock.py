@@ -1,4 +1,4 @@
-"""The clock of a table: seconds from a beginning, of numbers, dates, times of day and counts since an epoch."""
+"""The clock of a table: seconds from a start, from numbers, dates, times of day or counts since an epoch."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _LEAP, _LONG = 100.0, 1.0
 
 
 class Clock(NamedTuple):
-    """Seconds (n,) from ``start`` (ns since 1970; None: unknown); NaN where a row has no time."""
+    """Seconds (n,) from ``start`` (ns since 1970; None: unknown); NaN for a row without a time."""
 
     seconds: Seconds
     start: int | None = None
@@ -51,7 +51,7 @@ def read_clock(
     account: Account,
     where: str,
 ) -> Clock:
-    """Return the clock in a column. RecordError, with line, for a cell that is no time, or a unit of none."""
+    """Return the clock in a column. Raises RecordError, with line, for a cell that is not a time, or a wrong unit."""
     column = sheet.columns[index]
     if column.kind == "stamp":
         return _from_stamps(column.cells, column.there, column.zoned, keys, account, where)
@@ -92,7 +92,7 @@ def _of_time(text: str, where: str) -> ReadUnit:
 
 
 def _exact(sheet: Sheet, index: int, source: TimeSource, point: DecimalPoint, where: str) -> Any:
-    """The numbers of a column, less rounding where they are too long for a double: whole ones, or long ones."""
+    """Return the numbers of a column; numbers too long for a double as integers or long doubles."""
     import numpy as np
 
     column = sheet.columns[index]
@@ -139,7 +139,7 @@ def _from_numbers(values: Any, factor: float, unit: str, account: Account, where
 
 
 def _ns(number: Any, factor: float) -> int:
-    """A number of a unit in whole nanoseconds; its integer part is converted exactly."""
+    """Return a number of a unit in whole nanoseconds; its integer part is converted exactly."""
     whole = int(number)
     size = round(factor * SECOND)
     return whole * size + round(float(number - whole) * size)
@@ -192,7 +192,7 @@ def _from_stamps(ns: Any, there: Any, zoned: bool, keys: FileKeys, account: Acco
 
 
 def _in_utc(ns: Any, zone: str, where: str) -> Any:
-    """Local stamps in UTC; the hour that there is twice in autumn goes by the order of the rows."""
+    """Return local stamps in UTC; in the repeated hour in autumn, the order of the rows decides."""
     import pandas as pd
 
     local = pd.DatetimeIndex(ns)
@@ -228,18 +228,20 @@ def _from_spans(column: Column, account: Account) -> Clock:
 
 
 def in_words(ns: int, zoned: bool = False) -> str:
-    """An instant as text."""
+    """Return an instant as text."""
     told = datetime.fromtimestamp(ns // SECOND, UTC).strftime("%Y-%m-%d %H:%M:%S")
     return f"{told}.{ns % SECOND // 1_000_000:03d}{' UTC' if zoned else ''}"
 
 
 def many(rows: int) -> str:
-    """A number of rows in words."""
+    """Return a number of rows as text."""
     return f"{rows} row{'s' * (rows != 1)}"
 
 
 def check_order(sheet: Sheet, seconds: Seconds, account: Account, where: str) -> None:
-    """Refuse a clock that falls or leaps by a year; report one that stands still or leaps. Skip rows without time."""
+    """Refuse a clock that decreases or jumps by a year; report one that stops or jumps. Rows without time are
+    ignored.
+    """
     import numpy as np
 
     rows = np.flatnonzero(np.isfinite(seconds))

@@ -20,7 +20,7 @@ from bench_records.tables.stamps import over_midnight
 
 
 def read_columnar(path: Path, parquet: bool) -> Sheet:
-    """Return the sheet of a file of Parquet, or of Arrow (a file, which is Feather too, or a stream)."""
+    """Return the sheet of a Parquet file, or of an Arrow file (also Feather) or stream."""
     try:
         check_size(path, SAMPLES_BYTES)
         table = _parquet(path) if parquet else _arrow(path)
@@ -54,7 +54,7 @@ def _parquet(path: Path) -> pa.Table:
 
 
 def _width(column: Any) -> int:
-    """Bytes in memory of one value of a column of Parquet; of a text those of its number."""
+    """Return the bytes in memory of one value of a Parquet column; for a text, those of its index."""
     return max(int(column.length), 8)
 
 
@@ -73,7 +73,7 @@ def _arrow(path: Path) -> pa.Table:
 
 
 def _unpacked(file: Any) -> int:
-    """The bytes that the columns in a stream of Arrow take; a packed buffer begins with its size."""
+    """Return the bytes of the columns in an Arrow stream when unpacked; a packed buffer begins with its size."""
     total = 0
     for message in pa.ipc.MessageReader.open_stream(file):
         if message.type not in ("record batch", "dictionary"):
@@ -99,7 +99,7 @@ def _pointed(head: bytes, place: int) -> int:
 
 
 def _field(head: bytes, table: int, number: int) -> int:
-    """The place of a field of a table; 0 if it is not there."""
+    """Return the position of a field of a table; 0 if it is missing."""
     fields = table - struct.unpack_from("<i", head, table)[0]
     if struct.unpack_from("<H", head, fields)[0] <= 4 + 2 * number:
         return 0
@@ -108,14 +108,16 @@ def _field(head: bytes, table: int, number: int) -> int:
 
 
 def _pairs(head: bytes, place: int) -> Iterator[tuple[int, int]]:
-    """Yield the pairs of whole numbers in a vector."""
+    """Yield the pairs of integers in a vector."""
     vector = _pointed(head, place)
     (count,) = struct.unpack_from("<I", head, vector)
     return struct.iter_unpack("<qq", head[vector + 4 : vector + 4 + 16 * count])
 
 
 def _index(table: pa.Table, columns: list[Column]) -> int | None:
-    """The column of times that was the index of a pandas frame: it is the clock if no column has the clock's name."""
+    """Return the column of times that was the index of a pandas frame, for a table without a column of the clock's
+    name.
+    """
     try:
         told = json.loads((table.schema.metadata or {}).get(b"pandas", b"{}"))
         named = [one for one in told.get("index_columns", []) if isinstance(one, str)]
@@ -160,7 +162,7 @@ def _column(path: Path, field: pa.Field, data: pa.ChunkedArray) -> Column:
 
 
 def _written_out(data: pa.ChunkedArray) -> int:
-    """The bytes of all values of a column whose chunks have each of them once."""
+    """Return the bytes of all values of a dictionary-encoded column."""
     if not _is_text(data.type.value_type):
         return 8 * len(data)
     lengths = (pc.take(pc.binary_length(one.dictionary), one.indices) for one in data.chunks)
@@ -187,7 +189,7 @@ def _ns(data: pa.ChunkedArray, kind: Any) -> tuple[Any, Any]:
 
 
 def _of_day(name: str, data: pa.ChunkedArray) -> Column:
-    """Times of day, from the first one on."""
+    """Return a column of times of day, relative to the first one."""
     whole = _flat(data).cast(pa.time64("ns"))
     there = np.asarray(pc.is_valid(whole).to_numpy(zero_copy_only=False), np.bool_)
     cells = np.asarray(pc.fill_null(whole.cast(pa.int64()), 0).to_numpy(zero_copy_only=False), np.int64)

@@ -1,4 +1,4 @@
-"""The forms of tables: each row has the name of a form, its file suffixes, its reader and its writer."""
+"""The forms of tables: name, file suffixes, reader and writer of each."""
 
 from __future__ import annotations
 
@@ -55,5 +55,5 @@ FORMS: Final = (
 
 
 def export_of(path: Path) -> str:
-    """Return the command that makes a table of a file of a form that is not read; "" if none is known."""
+    """Return the command that exports a table from a file that is not supported; "" if none is known."""
     return EXPORTS.get(path.suffix.lower(), "").format(path.name, path.stem)

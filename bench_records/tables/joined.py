@@ -1,4 +1,4 @@
-"""A clock in two columns, dates in one and times of day in another, as one column of stamps."""
+"""A clock in two columns, dates and times of day, joined to one column of stamps."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _RIGHT: Final = "use adjacent columns with dates as 2026-03-19 and times of day 
 
 
 def date_and_time(sheet: Sheet) -> tuple[int, int] | None:
-    """Return which column holds dates and which times of day; None if not exactly one does each."""
+    """Return the columns of dates and of times of day; None unless there is exactly one of each."""
     dates = [index for index, one in enumerate(sheet.columns) if _holds_dates(one)]
     times = [index for index, one in enumerate(sheet.columns) if _holds_times(one)]
     return (dates[0], times[0]) if len(dates) == 1 and len(times) == 1 else None
@@ -36,7 +36,7 @@ def date_and_time(sheet: Sheet) -> tuple[int, int] | None:
 def joined(sheet: Sheet, date: ColumnName, time: int, keys: FileKeys, account: Account, where: str) -> int:
     """Append a clock column, made from a column of dates and a column of times of day; return its index.
 
-    RecordError, which begins with ``where``, for columns that do not hold these.
+    Raises RecordError, which begins with ``where``, for columns that do not hold these.
     """
     columns = sheet.columns[sheet.place(date, f"{where}: date")], sheet.columns[time]
     for column, holds in zip(columns, (_holds_dates, _holds_times), strict=True):

@@ -42,7 +42,7 @@ class ChannelPlace:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """Open the MDF file for a block. RecordError without asammdf, or if the file is not MDF."""
+    """Open the MDF file for a block. Raises RecordError without asammdf, or if the file is not MDF."""
     try:
         from asammdf import MDF
     except ImportError:
@@ -76,7 +76,7 @@ def _made(kind: Any, path: Path) -> Any:
 
 
 def places(path: Path, mdf: Any, account: Account) -> list[ChannelPlace]:
-    """Return every channel but clocks and frames on a bus, which the ``account`` counts."""
+    """Return every channel except clocks and bus frames, which the ``account`` counts."""
     if sum(len(group.channels) for group in mdf.groups) > COLUMNS:
         raise RecordError(f"{path} has more than {COLUMNS} channels")
     found = []
@@ -96,12 +96,12 @@ def places(path: Path, mdf: Any, account: Account) -> list[ChannelPlace]:
 
 
 def holds_frames(group: Any) -> bool:
-    """Whether a group is raw bus logging."""
+    """Return whether a group is raw bus logging."""
     return any(channel.name.startswith(_BUSES) for channel in group.channels)
 
 
 def find(known: list[ChannelPlace], column: ColumnName, group: ColumnName | None, where: str) -> ChannelPlace:
-    """Return the one channel of a name. RecordError, with the groups, if there are several or none."""
+    """Return the only channel with a name. Raises RecordError, with the groups, if there are several or none."""
     if isinstance(column, int):
         raise RecordError(
             f"{where} = {column}: name the channel of an MDF file, because channels have no numbers"
@@ -131,9 +131,9 @@ def samples(
     account: Account,
     texts: Mapping[str, int] | None = None,
 ) -> tuple[Numbers, Numbers, str]:
-    """Return times (n,), values (n,) and unit of a channel; ``texts`` gives words their numbers.
+    """Return times (n,), values (n,) and unit of a channel; ``texts`` gives the numbers of words.
 
-    RecordError, with file and group, if a value is not a number, or if the clock is not a time.
+    Raises RecordError, with file and group, if a value is not a number, or if the clock is not a time.
     """
     import numpy as np
 
@@ -169,7 +169,7 @@ def _word(value: Any) -> str:
 
 
 def start_of(mdf: Any) -> int | None:
-    """When the file began, in ns since 1970, where its header reports a time that can be."""
+    """Return the start of the file (ns since 1970); None if its header has no plausible time."""
     begin = getattr(mdf.header, "start_time", None)
     if begin is None or begin.year < 1980:
         return None

@@ -43,7 +43,7 @@ _NUMBER: Final = r"^[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?$"
 
 @dataclass(frozen=True)
 class _Evidence:
-    """The first rows that show the decimal separator, by separator, and rows that are ambiguous."""
+    """The first rows that show the decimal separator, by separator, and ambiguous rows."""
 
     certain: dict[str, int]
     open: dict[str, int]  #: rows with an ambiguous number such as 1.250, by separator
@@ -52,7 +52,7 @@ class _Evidence:
 
 @dataclass(frozen=True)
 class DecimalPoint:
-    """The decimal separator of a file, "" if unknown, and whether it is from a key."""
+    """The decimal separator of a file, "" if unknown, and whether a key states it."""
 
     point: str
     said: bool = False
@@ -86,7 +86,7 @@ def numbers(
     """Return the numbers (n,) of a column of text; NaN for an empty cell or a code for a missing value.
 
     ``decimal`` is the decimal separator if the column itself does not show it. Missing and infinite values are counted
-    in ``account``. RecordError, with line, for a cell that is not a number or is ambiguous.
+    in ``account``. Raises RecordError, with line, for a cell that is not a number or is ambiguous.
     """
     import numpy as np
     import pyarrow as pa
@@ -141,7 +141,7 @@ def without_missing(sheet: Sheet, index: int, account: Account | None) -> Any:
 def in_plain_digits(
     cells: Any, sheet: Sheet, index: int, source: Source, decimal: DecimalPoint, where: str
 ) -> Any:
-    """Return cells with a decimal point and no separator of thousands; RecordError if the cells are ambiguous."""
+    """Return cells with a decimal point and no thousands separator. Raises RecordError if the cells are ambiguous."""
     import pyarrow.compute as pc
 
     grouped = pc.fill_null(pc.match_substring_regex(cells, _GROUPED), False)

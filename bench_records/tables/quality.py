@@ -117,7 +117,7 @@ CHECKS: Final = {
 
 @dataclass(frozen=True)
 class Remark:
-    """Finding of a check in a column: number of samples, the first of them, and the consequence."""
+    """A finding of a check in a column: number of samples, the first of them, and the consequence."""
 
     file: str
     column: str
@@ -200,7 +200,7 @@ def _apply(
     what: str,
     inputs: Sequence[str],
 ) -> None:
-    """Add the remark of a check with a finding, and leave out its samples if that is the consequence."""
+    """Add the remark of a check with a finding, and remove its samples if that is the consequence."""
     series, one = found[name], CHECKS[check]
     if not mask.any():
         return
@@ -225,7 +225,7 @@ def _is_one_of(values: Numbers, codes: Sequence[float]) -> Mask:
 
 
 def _codes_in(series: Series) -> Mask:
-    """Return a mask of the values that are far from all others, or are reached and left by jumps."""
+    """Return a mask of the values that are far from all others, or that are reached and left by jumps."""
     known = np.isfinite(series.values)
     values, times = series.values[known], series.times[known]
     mask = abs(values) > HUGE
@@ -312,7 +312,7 @@ class _Signal:
         return _Signal(rows, series.times[rows], values, levels, step, noise, noisy, len(series.values))
 
     def in_column(self, mask: Mask | None = None) -> Mask:
-        """Return the mask (or all known samples) in terms of the column with its missing samples."""
+        """Return the mask (or all known samples) at the rows of the whole column."""
         whole = np.zeros(int(self.size), np.bool_)
         whole[self.rows if mask is None else self.rows[mask]] = True
         return whole
@@ -328,7 +328,7 @@ class _Signal:
         return starts, np.append(starts[1:], len(self.values))
 
     def moves(self, spans: Sequence[tuple[float, float]]) -> bool:
-        """Return whether it moves in these time spans as much as elsewhere."""
+        """Return whether the signal moves in these time spans as much as elsewhere."""
         lasts = 0.25 * float(np.mean([end - start for start, end in spans]))
         usual = self._moved(np.linspace(self.times[0], self.times[-1] - lasts, 500), lasts)
         if not lasts > 0.0 or usual <= ABOVE_NOISE * self.noise:

@@ -1,4 +1,4 @@
-"""The reader of foreign tables: samples with their times, by column, of CSV, Parquet, Arrow and MDF alike."""
+"""Reader of foreign tables: samples with their times, by column, from CSV, Parquet, Arrow and MDF."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MDF: Final = next(one for one in FORMS if one.name == "mdf")
 
 
 class Series(NamedTuple):
-    """Samples of a column: times (n,) in s, values (n,) in the unit of the file, NaN where a cell is empty."""
+    """Samples of a column: times (n,) in s, values (n,) in the unit of the file, NaN for an empty cell."""
 
     name: str
     times: Numbers
@@ -41,13 +41,13 @@ class Series(NamedTuple):
     row_word: str = "sample"
 
     def at(self, index: int) -> str:
-        """The place of a sample in the file, as text."""
+        """Return the place of a sample in the file, as text."""
         row = index + 1 if self.rows is None else self.rows[index]
         return f"{self.row_word} {row}, {self.times[index]:.6g} s"
 
 
 def format_of(path: Path, keys: FileKeys) -> FileForm:
-    """Return the form of a table. RecordError if there is no file, or if its suffix is unknown."""
+    """Return the form of a table. Raises RecordError if there is no file, or if its suffix is unknown."""
     if not path.is_file():
         raise RecordError(f"{path}: no such file")
     named = [one for one in FORMS if one.name == keys.format]
@@ -64,7 +64,7 @@ def format_of(path: Path, keys: FileKeys) -> FileForm:
 
 
 def read_sheet(path: Path, keys: FileKeys, wanted: Sequence[ColumnName], account: Account) -> Sheet:
-    """Return the sheet of a file that is no MDF file."""
+    """Return the sheet of a file that is not MDF."""
     form = format_of(path, keys)
     if form.read is None:
         raise RecordError(
@@ -77,7 +77,7 @@ def read_sheet(path: Path, keys: FileKeys, wanted: Sequence[ColumnName], account
 
 
 def _add_clock(sheet: Sheet, rate: float) -> None:
-    """Append a clock of ``rate`` rows per second. RecordError if the file has a clock."""
+    """Append a clock with ``rate`` rows per second. Raises RecordError if the file has a clock."""
     if sheet.clock is not None or any(sheet.places(name) for name in (TimeSource().column, "time_s")):
         raise RecordError(
             f"{sheet.path} has a time column, and file.rate is for tables without one; remove file.rate"
@@ -163,7 +163,7 @@ def clock_place(sheet: Sheet, time: TimeSource, where: str, account: Account) ->
 
 
 def _from_one_start(sheet: Sheet, clocks: Mapping[int, Clock]) -> dict[int, Clock]:
-    """Clocks of one file count from one beginning."""
+    """Return the clocks of one file relative to a common start."""
     starts = [clock.start for clock in clocks.values() if clock.start is not None]
     if not starts:
         return dict(clocks)

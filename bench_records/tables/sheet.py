@@ -59,17 +59,19 @@ class Sheet:
         return [column.name for column in self.columns]
 
     def at(self, index: int) -> str:
-        """The place of a row in the file, as text."""
+        """Return the place of a row in the file, as text."""
         return f"{self.row_word} {self.rows[index]}"
 
     def places(self, wanted: ColumnName) -> list[int]:
-        """The indices of the columns that ``wanted`` names: none, one or several."""
+        """Return the indices of the columns that ``wanted`` names: none, one or several."""
         if isinstance(wanted, int):
             return [wanted - 1] if 1 <= wanted <= len(self.columns) else []
         return [index for index, column in enumerate(self.columns) if column.name == wanted]
 
     def place(self, wanted: ColumnName, where: str) -> int:
-        """The index of the one column that ``wanted`` names. RecordError, which begins with ``where``."""
+        """Return the index of the only column that ``wanted`` names. Raises RecordError, which begins with
+        ``where``.
+        """
         found = self.places(wanted)
         if len(found) == 1:
             return found[0]

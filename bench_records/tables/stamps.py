@@ -1,4 +1,4 @@
-"""Dates and times of day as programs and countries write them, as whole nanoseconds."""
+"""Parser of dates and times of day in various formats, to integer nanoseconds."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _MIDNIGHT: Final = 60 * SECOND
 
 
 class Stamps(NamedTuple):
-    """Stamps (n,) in ns: since 1970 if they are ``dated``, in UTC if they are ``zoned``; where not ``there``, 0."""
+    """Stamps (n,) in ns: since 1970 if they are ``dated``, in UTC if they are ``zoned``; 0 if not ``there``."""
 
     ns: npt.NDArray[np.int64]
     there: npt.NDArray[np.bool_]
@@ -60,24 +60,24 @@ class NotAStamp(Exception):
 
 
 def looks_like_a_stamp(text: str) -> bool:
-    """Whether a cell is a date or a time of day."""
+    """Return whether a cell is a date, a time of day or a duration."""
     return bool(_STAMP.fullmatch(text) or _OF_DAY.fullmatch(text) or _SPAN.fullmatch(text))
 
 
 def looks_like_a_date(text: str) -> bool:
-    """Whether a cell is a date, without a time of day or with the beginning of the day."""
+    """Return whether a cell is a date, without a time of day or with midnight."""
     found = _STAMP.fullmatch(text)
     return found is not None and not (found["h"] and _time(found, 0))
 
 
 def looks_like_a_time_of_day(text: str) -> bool:
-    """Whether a cell is a time of day."""
+    """Return whether a cell is a time of day."""
     found = _OF_DAY.fullmatch(text)
     return found is not None and not found["days"]
 
 
 def read_stamps(cells: Sequence[str | None], dates: Literal["dmy", "mdy"] | None = None) -> Stamps:
-    """Return the instants of cells of text. NotAStamp if a cell is not one, or is ambiguous without ``dates``."""
+    """Return the instants of text cells. Raises NotAStamp if a cell is invalid, or ambiguous without ``dates``."""
     import numpy as np
 
     ns = np.zeros(len(cells), np.int64)
@@ -121,7 +121,7 @@ def read_stamps(cells: Sequence[str | None], dates: Literal["dmy", "mdy"] | None
 
 
 def _span(cell: str, index: int) -> int:
-    """Nanoseconds of a duration as ISO 8601 writes it, such as PT1M2.5S."""
+    """Return the nanoseconds of an ISO 8601 duration, such as PT1M2.5S."""
     found = _SPAN.fullmatch(cell)
     if found is None:
         raise NotAStamp(index, "write durations as PT1.5S")
@@ -131,7 +131,7 @@ def _span(cell: str, index: int) -> int:
 
 
 def _digits(found: re.Match[str] | None) -> int:
-    """The digits behind the seconds as a whole number with their count in front: 1 000 000 000 times it, and they."""
+    """Return the digits behind the seconds as an integer, plus 1 000 000 000 times their count."""
     text = (found and (found["f"] or found["ms"])) or ""
     return len(text) * SECOND + int(text or 0)
 
@@ -139,9 +139,9 @@ def _digits(found: re.Match[str] | None) -> int:
 def _whole_milliseconds(
     ns: npt.NDArray[np.int64], there: npt.NDArray[np.bool_], parts: npt.NDArray[np.int64]
 ) -> tuple[npt.NDArray[np.int64], list[str]]:
-    """Take the digits behind the seconds as whole milliseconds, where as decimals they make no even clock.
+    """Read the digits behind the seconds as integer milliseconds, if they give no even clock as decimals.
 
-    ``parts`` are those of `_digits`. Programs write 10:00:00.0, .10 … .990 for 0 to 990 ms, or four digits, .0990.
+    ``parts`` are those of `_digits`. Some programs write 10:00:00.0, .10 … .990 for 0 to 990 ms, or four digits, .0990.
     """
     import numpy as np
 
@@ -171,7 +171,7 @@ def _of_day(cell: str, index: int) -> int:
 
 
 def _time(found: re.Match[str], index: int) -> int:
-    """Nanoseconds of a time of day; minutes and seconds, where there is a fraction but no third number."""
+    """Return the nanoseconds of a time of day; two numbers with a fraction are minutes and seconds."""
     hours, minutes, seconds = int(found["h"]), int(found["m"]), int(found["s"] or 0)
     fraction = found["f"] or found["ms"] or ""
     if found["s"] is None and fraction:
@@ -186,7 +186,7 @@ def _time(found: re.Match[str], index: int) -> int:
 
 
 def _zone(text: str | None) -> int | None:
-    """Minutes east of Greenwich; None if there is no zone."""
+    """Return the minutes east of Greenwich; None if there is no zone."""
     word = (text or "").lower()
     if word in _ZONES:
         return _ZONES[word]
@@ -195,7 +195,7 @@ def _zone(text: str | None) -> int | None:
 
 
 class _Days:
-    """Days since 1970 of the dates in cells, each text once."""
+    """Parser of dates in cells to days since 1970, each text once."""
 
     def __init__(self, cells: Sequence[str | None], dates: Literal["dmy", "mdy"] | None) -> None:
         self._known: dict[str, int] = {}
@@ -222,7 +222,7 @@ class _Days:
             )
 
     def of(self, found: re.Match[str], index: int) -> int:
-        """Days since 1970 of the date in a cell."""
+        """Return the days since 1970 of the date in a cell."""
         if found["open"] and self._order is None:
             raise NotAStamp(index, "the column has dates of two forms; use one form")
         text = next(one for one in (found[kind] for kind in ("iso", "dots", "open", "day", "month")) if one)
@@ -249,7 +249,10 @@ class _Days:
 
 
 def _order(texts: dict[str, int]) -> Literal["dmy", "mdy"] | None:
-    """Whether day or month is first in dates with slashes, if a number above 12 shows it; NotAStamp if they differ."""
+    """Return whether day or month is first in dates with slashes, if a number above 12 shows it; None if none does.
+
+    Raises NotAStamp if they differ.
+    """
     firsts, seconds = [], []
     for text in texts:
         one, other = (int(number) for number in re.findall(r"\d+", text)[:2])

@@ -1,4 +1,4 @@
-"""Tables as text: encoding, delimiter and head are found, and every row has a cell for each name of the head."""
+"""Tables as text: detection of encoding, delimiter and head; every row has a cell for each name of the head."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _MISSING: Final = frozenset((*MISSING, *INFINITE))
 
 
 def is_value(cell: str) -> bool:
-    """Whether a cell holds a number, a time, or a word for none."""
+    """Return whether a cell holds a number, a time, or a word for a missing value."""
     text = cell.strip()
     return bool(
         text and (_LIKE_A_NUMBER.fullmatch(text) or text.upper() in _MISSING or looks_like_a_stamp(text))
@@ -41,9 +41,9 @@ def is_value(cell: str) -> bool:
 
 
 def read_text_table(path: Path, keys: FileKeys, wanted: Sequence[ColumnName], account: Account) -> Sheet:
-    """Return the sheet of a table of text; the head is the line with the ``wanted`` names.
+    """Return the sheet of a text table; the head is the line with the ``wanted`` names.
 
-    RecordError, with line, for a row with more or fewer cells than the head, and for text between the rows.
+    Raises RecordError, with line, for a row with more or fewer cells than the head, and for text between the rows.
     """
     lines = text_lines(path, keys.encoding, account)
     _refuse_segments(path, lines)
@@ -62,7 +62,7 @@ def read_text_table(path: Path, keys: FileKeys, wanted: Sequence[ColumnName], ac
 
 
 def _refuse_segments(path: Path, lines: Sequence[str]) -> None:
-    """Refuse a LabVIEW measurement file with more than one segment: RecordError."""
+    """Raise RecordError for a LabVIEW measurement file with more than one segment."""
     if not lines[0].startswith("LabVIEW Measurement"):
         return
     ends = [number for number, line in enumerate(lines, 1) if line.startswith("***End_of_Header***")]
@@ -74,7 +74,7 @@ def _refuse_segments(path: Path, lines: Sequence[str]) -> None:
 
 
 def text_lines(path: Path, encoding: str, account: Account) -> list[str]:
-    """The lines of a text file, without line ends. RecordError if the file is not text."""
+    """Return the lines of a text file, without line ends. Raises RecordError if the file is not text."""
     try:
         content = read_bounded(path, TABLE_BYTES)
         try:
@@ -99,7 +99,7 @@ def text_lines(path: Path, encoding: str, account: Account) -> list[str]:
 
 
 def _without_zeros(content: bytes, account: Account) -> bytes:
-    """The lines without a byte 0, which a file has where the power was cut; the others are empty and counted."""
+    """Return the content with lines emptied and counted that have a byte 0, as after a power cut."""
     lines = content.split(b"\n")
     cut = [number for number, line in enumerate(lines, 1) if b"\0" in line]
     if len(cut) * 10 > len(lines):
@@ -109,7 +109,9 @@ def _without_zeros(content: bytes, account: Account) -> bytes:
 
 
 def rows_of(lines: Sequence[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows of lines of text with the number of the last line of each, from 1; csv.Error for none."""
+    """Yield the rows of text lines with the number of the last line of each, from 1. Raises csv.Error for invalid
+    text.
+    """
     if delimiter == " ":
         for number, line in enumerate(lines, 1):
             yield number, line.split()
@@ -122,12 +124,12 @@ def rows_of(lines: Sequence[str], delimiter: str) -> Iterator[tuple[int, list[st
 
 
 def cells_of(lines: Sequence[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
-    """As `rows_of`, but ignore quotation marks, and strip spaces around cells."""
+    """Yield rows as `rows_of`, but ignore quotation marks, and strip spaces around cells."""
     yield from enumerate(_lenient(lines, delimiter), 1)
 
 
 def _lenient(lines: Sequence[str], delimiter: str) -> list[list[str]]:
-    """One row for each line; quotation marks do not join lines."""
+    """Return one row for each line; quotation marks do not join lines."""
     if delimiter == " ":
         return [line.split() for line in lines]
     found = []
@@ -138,7 +140,7 @@ def _lenient(lines: Sequence[str], delimiter: str) -> list[list[str]]:
 
 
 def _delimiter(lines: Sequence[str], keys: FileKeys, wanted: Sequence[ColumnName]) -> str:
-    """The delimiter: the one that yields a row with the wanted names, else the one with most rows of equal width."""
+    """Return the delimiter that yields a row with the wanted names, otherwise the one with most rows of equal width."""
     if lines[0].lower().startswith("sep=") and len(lines[0].strip()) == 5:
         return lines[0].strip()[-1]
     looked = lines[:_LOOKED_AT]
@@ -159,7 +161,7 @@ def _delimiter(lines: Sequence[str], keys: FileKeys, wanted: Sequence[ColumnName
 def _head(
     lines: Sequence[str], keys: FileKeys, delimiter: str, wanted: Sequence[ColumnName]
 ) -> tuple[int, list[str]]:
-    """The index of the first line below the head, and the names in it; none without a head."""
+    """Return the index of the first line below the head, and the names in the head; no names without one."""
     skipped = keys.skip_rows or 0
     if keys.skip_rows is None and lines[0].lower().startswith("sep="):
         skipped = 1
@@ -181,7 +183,7 @@ def _head(
 
 
 def _names(row: Sequence[str]) -> list[str]:
-    """The names in a head, of which a mark of comments is none."""
+    """Return the names in a head, without a comment mark."""
     if row and row[0][:1] in ("#", "%"):
         first = row[0].lstrip("#% ")
         row = [first, *row[1:]] if first else row[1:]
@@ -208,7 +210,7 @@ class _Rows:
     trailing: bool = False
 
     def read(self) -> None:
-        """Sort all rows. RecordError for one that belongs nowhere."""
+        """Sort all rows. Raises RecordError for a row that is neither values nor another known line."""
         self.width = len(self.head)
         while self.width and not self.head[self.width - 1]:
             self.width -= 1
@@ -258,7 +260,7 @@ class _Rows:
         return False
 
     def _is_units(self, row: list[str]) -> bool:
-        """Whether a row is one of units: right below the head, and its only number is the unit 1."""
+        """Return whether a row has units: it is directly below the head, and its only number is the unit 1."""
         if self.numbers or not self.head:
             return False
         cells = [cell.strip() for cell in row if cell.strip()]
@@ -310,7 +312,7 @@ class _Rows:
         return Sheet(self.path, columns, np.array(self.numbers, np.int64), delimiter=self.delimiter)
 
     def _units(self, account: Account) -> list[str]:
-        """The units that the file gives, in a row below the head or in the names."""
+        """Return the units that the file gives, in a row below the head or in the names."""
         units = [unit_in_name(name) for name in self.head[: self.width]]
         for line, row in self.above:
             if self._is_units(row) or _mostly_units([cell.strip() for cell in row if cell.strip()]):

@@ -218,7 +218,7 @@ def irregularity(f: Samples, level: float, train_speed: float) -> Samples:
 def check_stiffness(
     run: Run, load: str, direction: str, values: Values, of: Callable[[Rig, Values], Spectra]
 ) -> None:
-    """Check K' over the band, upright the loss angle too, and keep it over frequency.
+    """Check K' over the band, vertically the loss angle too, and record the stiffness over frequency.
 
     The limits hold for a track of the low level under a train of ``TRAIN_SPEED``.
     """
