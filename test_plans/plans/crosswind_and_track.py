@@ -79,6 +79,9 @@ LEAD: Final = 1.5 * s
 #: Of the first harmonic of a wind that is not steady: so many pieces show how much it scatters.
 PIECES: Final = 4
 SCATTER: Final = "wind of other frequencies"
+#: The limits hold for springs that the track shears. A wind that changes shears them, too, loosens their friction and
+#: makes them softer. They are judged up to this shear by the wind, as a fraction of that by the track.
+WINDY_MOST: Final = 0.6
 #: The latency of the platform's transducer is not specified. It is assumed to be that of the lateral actuator,
 #: within ``LATE_BY``.
 LATE: Final = "lag of the platform's transducer"
@@ -225,7 +228,7 @@ def foreseen_travel(rig: Rig, load: Load, asked: Mapping[str, Any], wind: float)
     )
     times, moves, _ = excitation(rig, wind, asked["kind"], amplitude, frequency, asked["draw"])
     way = blown(load, rig, moves["lateral.force"], pressure)
-    way += shaken(load, rig, times, moves["platform.lateral"], frequency, pressure)
+    way += shaken(load, rig, times, moves["platform.lateral"], pressure)
     return max(float(np.abs(offset + way).max()) for offset in leaned(load, rig, roll, pressure))
 
 
@@ -360,6 +363,14 @@ class Seen:
         force = -of(sideways_force(values, rig), *SHEAR_CELLS)
         return Stiffness(force / moved, self.frequency, abs(moved))
 
+    def windy(self, rig: Rig, values: Values) -> float:
+        """Return the shear by the wind as a fraction of the amplitude by the track, the median of the pieces."""
+        shear, found = shear_of(values, rig) - values["platform.lateral"], []
+        for piece in self.pieces():
+            of_the_track = 0.5 * self.stiffness(piece, rig, values).amplitude ** 2
+            found.append(max(float(shear[piece].var()) / of_the_track - 1.0, 0.0) ** 0.5)
+        return float(np.median(found))
+
     def leaning(self, rig: Rig, values: Values) -> tuple[float, float]:
         """Return the roll (rad) and roll torque (N·m) due to the wind, as means during the motion of the track."""
         roll, torque = (
@@ -414,7 +425,7 @@ def _judge(run: Run, load: Load, seen: Seen, values: Values, rolled: float) -> N
     for check, quantity, one in ((STIFF, STORAGE, stiffness), (DAMPED, DAMPING, damping)):
         keep(run, "pair", f"{check}, wind and track", AMPLITUDE, quantity, [K.amplitude], [one])
     beyond = pressure_of({name: values[name][seen.shaken] for name in PRESSURES}) - load.fill_pressure
-    if unstated := _unstated(load, K):
+    if unstated := _unstated(load, K, seen.windy(run.rig, values)):
         run.not_available([STIFF, DAMPED], unstated)
     else:
         rolls = load.limits.curves.get("crosswind_and_track.stiffness_by_roll", {0.0: Band(1.0, 1.0)})
@@ -472,8 +483,13 @@ def _travel(rig: Rig, values: Values) -> float:
     return float(np.percentile(np.abs(way), 99.5))
 
 
-def _unstated(load: Load, K: Stiffness) -> str:
-    """Return a text why the specimen has no limits for the amplitude of ``K``; "" if it has."""
+def _unstated(load: Load, K: Stiffness, windy: float) -> str:
+    """Return a text why the specimen has no limits for ``K`` and the shear by the wind (`Seen.windy`); "" if it has."""
+    if windy > WINDY_MOST:
+        return (
+            f"the wind sheared the springs {windy:.2f} times as far as the track; the limits hold up to "
+            f"{WINDY_MOST:g}; set a smaller wind or a larger amplitude"
+        )
     places = load.limits.curve("crosswind_and_track.stiffness", "kN/m")
     if min(places) <= K.amplitude <= max(places):
         return ""

@@ -19,6 +19,7 @@ from test_plans.analysis.cells import CELLS, CELLS_ACROSS
 from test_plans.analysis.geometry import POSE_SIGNALS, SEEING, Rig, stop_travel_of
 from test_plans.check_names import CheckName
 from test_plans.description import lags
+from test_plans.loads import SpecimenError
 from test_plans.parameters import File, Range
 from test_plans.plan import plan
 from test_plans.plans.stochastic_crosswind import (
@@ -38,6 +39,7 @@ from test_plans.preconditions import ConditionResult, Precondition, on_the_bench
 from test_plans.run import Run
 from test_plans.steps.carrying import FREE_SIDEWAYS
 from test_plans.steps.fittings import leave_connected
+from test_plans.steps.stop_travel import blown, shaken
 from test_plans.steps.wind import RISE, fade, random_process, side_force
 from test_plans.track_file import NoTrack, TrackRecord, read_track
 
@@ -122,10 +124,34 @@ def _look_at_the_track(run: Run) -> ConditionResult:
         run.bench.waveform.foresee(*excitation(record, speed, duration, wind))
     except (NoTrack, Misuse, NotAvailable) as error:
         return ConditionResult(False, str(error))
+    if beyond := _reaches_the_stop(run, record):
+        return ConditionResult(False, beyond)
     told = f"{record.name}, {record.times(speed)[-1]:.4g} s"
     told += f", SHA-256 {record.digest[:16]}" if record.digest else ""
     told += f"; not read: {', '.join(record.unread)}" if record.unread else ""
     return ConditionResult(True, told)
+
+
+def _reaches_the_stop(run: Run, record: TrackRecord) -> str:
+    """Return a text if the softest springs within their limits let the bolster reach its bump stop; "" otherwise.
+
+    It is "" also if the specimen's file has no limits to compute it from, or the rig no dimensions.
+    """
+    speed, duration, wind = (float(run.values[name]) for name in ("speed", "duration", "wind"))
+    times, moves = excitation(record, speed, duration, wind)
+    still = np.zeros_like(times)
+    try:
+        load, room = run.specimen.load(str(run.values["load"])), run.rig["stop_gap"]
+        way = blown(load, run.rig, moves.get("lateral.force", still), 1.0)
+        way += shaken(load, run.rig, times, moves.get("platform.lateral", still), 1.0)
+    except (SpecimenError, NotAvailable):
+        return ""
+    if (most := float(np.abs(way).max())) <= room:
+        return ""
+    return (
+        f"wind = {wind:g} m/s and {record.name} at {speed / KMH:.4g} km/h would move the bolster by up to "
+        f"{most / mm:.1f} mm, and it has {room / mm:g} mm to its bump stop; set a smaller wind or speed"
+    )
 
 
 CAN_RUN: Final = Precondition("the track is a record that the platform can follow", _look_at_the_track)
@@ -168,8 +194,9 @@ def track_record(
 
     The platform follows the record vertically, laterally and in roll, about its mean, from its beginning. A record over
     distance is run at `speed`, a record over time as it is. All axes use one time base; the host streams the motion,
-    which rises and fades within 4 s. A motion beyond the travel or speed of the platform is refused before anything
-    moves. Instead of a file, ERRI-low is the low level of ERRI B 176 between waves of 3 and 70 m.
+    which rises and fades within 4 s. Instead of a file, ERRI-low is the low level of ERRI B 176 between waves of 3 and
+    70 m. These are refused before anything moves: a motion beyond the travel or speed of the platform, and a wind that
+    takes the bolster to its bump stop.
 
     The run passes if the platform follows the record, and if the bolster stays clear of its bump stop. The vertical
     stiffness of the springs over frequency is recorded. Its limits hold only for the motion for which they were stated:

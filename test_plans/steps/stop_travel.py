@@ -50,10 +50,8 @@ def leaned(load: Load, rig: Rig, roll: float, pressure: float) -> tuple[float, f
     return -held - rig["centre_height"] * roll, -free - rig["centre_height"] * roll
 
 
-def shaken(
-    load: Load, rig: Rig, times: Samples, platform: Samples, frequency: float, pressure: float
-) -> Samples:
-    """Return the travel (m) of the bolster relative to the ``platform`` (m), which moves at ``frequency`` (Hz).
+def shaken(load: Load, rig: Rig, times: Samples, platform: Samples, pressure: float) -> Samples:
+    """Return the travel (m) of the bolster relative to the ``platform`` (m).
 
     The model is a mass on a complex stiffness that depends on the amplitude, solved by spectra; the platform begins and
     ends at 0.

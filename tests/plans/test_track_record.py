@@ -207,6 +207,13 @@ def test_what_the_platform_cannot_do_is_refused_before_anything_moves(judged, li
     assert result.duration < 1 * s
 
 
+def test_a_wind_that_reaches_the_bump_stop_is_refused(judged):
+    result, _ = judged("track_record", given={"speed": "300 km/h", "wind": "4 m/s"})
+    assert result.verdict is Outcome.BLOCKED
+    assert "mm, and it has 25 mm to its bump stop; set a smaller wind or speed" in result.reason
+    assert result.duration < 1 * s
+
+
 def test_the_platform_runs_the_file_through_the_wires(judged, line, tmp_path):
     """What the rig's record has of its platform is what the file has, at one and the same delay of all three ways."""
     asked = {"track": str(line), "speed": "20 m/s", "duration": "20 s", "wind": "4 m/s"}
