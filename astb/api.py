@@ -159,7 +159,7 @@ def diagnose_record(
 def _with_effects(file: RigFile, effects: Mapping[str, str]) -> RigFile:
     """Return the rig with ``effects`` in addition to those of its file."""
     if file.simulation is None:
-        raise RigFileError(f"{file.name} is a real rig, and effects={dict(effects)!r} are for simulated ones")
+        raise RigFileError(f"{file.name} is a real rig, but effects={dict(effects)!r} needs a simulated rig")
     simulation = replace(file.simulation, effects=file.simulation.effects | dict(effects))
     return replace(file, simulation=simulation)
 
@@ -174,7 +174,10 @@ def find_plan(plan: "str | Plan") -> "Plan":
     if plan.endswith(".py"):
         found = in_file(Path(plan))
         if len(found) != 1:
-            raise PlanError(f"{plan} declares several plans, {', '.join(found)}: give one of them itself")
+            raise PlanError(
+                f"{plan} declares several plans, {', '.join(found)}; give one of these plan objects "
+                "instead of the file"
+            )
         return next(iter(found.values()))
     if plan not in plans():
         raise PlanError(unknown(plan))

@@ -45,7 +45,8 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     known = {one.name for plan in judging for one in plan.parameters}
     if unknown := given.keys() - known:
         raise pytest.UsageError(
-            f"--plan-set: no plan has a parameter {', '.join(sorted(unknown))}; there are {', '.join(sorted(known))}"
+            f"--plan-set: no plan has a parameter {', '.join(sorted(unknown))}; the parameters are "
+            f"{', '.join(sorted(known))}"
         )
     try:
         chosen = [variant for plan in judging for variant in variants(plan, given)]

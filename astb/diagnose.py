@@ -72,7 +72,7 @@ def diagnose_data(request: DiagnosisRequest, out: Path, console: "Console") -> F
     """
     for path in request.data:
         if not path.exists():
-            raise DiagnosisError(f"{path} does not exist")
+            raise DiagnosisError(f"{path} does not exist; check the path")
     if request.simulator is not None and request.model != BENCH:
         raise DiagnosisError(
             f"--model {request.model} and --simulator {request.simulator} name two different models; give only one of "

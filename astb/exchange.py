@@ -62,7 +62,7 @@ def import_file(source: Path, directory: Path, keys: LogKeys | None = None, tabl
     """
     form = _known_form(source, [one for one in FORMS if one.read is not None])
     if not source.is_file():
-        raise RecordError(f"{source}: there is no such file")
+        raise RecordError(f"{source} does not exist; check the path")
     keys = keys or LogKeys()
     as_table = any(text.partition("=")[0].strip() == "format" for text in table)
     frames = not as_table and reading.frames_form(source, keys.dbc is not None) is not None
@@ -138,9 +138,7 @@ def _known_signals() -> dict[str, SignalInfo]:
 def _known_form(path: Path, forms: Sequence[FileForm]) -> FileForm:
     form = form_of(path, forms)
     if form is None and path.is_file() and (how := tables.export_of(path)):
-        raise RecordError(
-            f"{path}: files of this format are not read; convert the file to a table with: {how}"
-        )
+        raise RecordError(f"{path}: files of this format cannot be read; convert the file to a table: {how}")
     if form is None:
         known = ", ".join(endings(forms))
         raise RecordError(

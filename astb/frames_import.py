@@ -167,7 +167,9 @@ def _by_dbc(
 ) -> tuple[list[SignalInfo], Callable[[], Iterator[Samples]]]:
     names = _names(source, counts, dbc, account)
     if not names:
-        raise RecordError(f"{source} has no message that {dbc.path} describes")
+        raise RecordError(
+            f"{source} has no message that {dbc.path} describes; check that the DBC belongs to this bus"
+        )
     signals: list[SignalInfo] = []
     index: dict[tuple[str, str], int] = {}
     decodings: dict[str, Decoding] = {}
@@ -242,7 +244,9 @@ def _names(
         senders.setdefault(message.name, set()).add(sender)
         channels.setdefault((message.name, sender), set()).add(kind.channel)
         if len(message.coding.signals) != len({one.name for one in message.coding.signals}):
-            raise RecordError(f"{dbc.path}: {message.shown} cannot be read: {message.unsound}")
+            raise RecordError(
+                f"{dbc.path}: {message.shown} cannot be read: {message.unsound}; correct the DBC"
+            )
     for kind, message in found.items():
         sender = kind.identifier & _SENDER if message.j1939 else 0
         _refuse_several(source, f"{kind.identifier:#x} ({message.name})", channels[message.name, sender])
@@ -280,7 +284,7 @@ def columns_of_frames(
             raise DiagnosisError(f"{path} is {what}, not a table of samples; {OTHER_FORMS}")
         return None
     if not path.is_file():
-        raise DiagnosisError(f"{path}: no such file")
+        raise DiagnosisError(f"{path} does not exist; check the path")
     if keys.charset is not None and keys.dbc is None:
         raise DiagnosisError(f"frames.charset = {keys.charset!r} is only for a DBC; give frames.dbc, too")
     dbc = None if keys.dbc is None else beside / keys.dbc

@@ -123,7 +123,7 @@ def identify_data(request: IdentificationRequest, out: Path | None, console: "Co
         return _looked_ahead(parameters, ahead or IDENTIFICATION, console)
     for path in request.data:
         if not path.exists():
-            raise DiagnosisError(f"{path} does not exist")
+            raise DiagnosisError(f"{path} does not exist; check the path")
     if out is not None:
         _make_room(out, request.model)
     with progress_bar(console) as progress:

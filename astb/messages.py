@@ -119,7 +119,7 @@ def _webhook(to: str, elsewhere: bool) -> Webhook:
     try:
         found = {str(one[4][0]) for one in socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)}
     except (OSError, UnicodeError):
-        raise MessageError(f"{to}: the machine {host} was not found") from None
+        raise MessageError(f"{to}: the machine {host} was not found; check the address") from None
     if not all(ip_address(one.partition("%")[0]).is_loopback for one in found):
         raise MessageError(
             f"{to} is another machine, which would receive test data; to allow this, give --message-elsewhere"

@@ -145,7 +145,7 @@ def read_answers(path: Path) -> Script:
     try:
         content = read_toml(path)
     except OSError as error:
-        raise AnswersFileError(f"answers {path} cannot be read: {error.strerror}") from None
+        raise AnswersFileError(f"answers {path} cannot be read: {error.strerror}; check the path") from None
     except Unfit as error:
         raise AnswersFileError(f"answers {path} {error}") from None
     for question, answer in content.items():

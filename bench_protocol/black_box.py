@@ -96,7 +96,7 @@ def read_head(read: ReadFile) -> Head:
     if form != _FORMAT or period != _PERIOD or channels > len(CHANNELS):
         raise ValueError(
             f"the black box has format {form}, {channels} channels every {period} ms, which this "
-            "version does not read"
+            "version cannot read; use the version of ASTB that the rig uses"
         )
     return Head(bool(recording), number, high << 16 | low, count, trigger, channels, size)
 

@@ -171,7 +171,8 @@ def _why(path: Path, text: str, error: Exception) -> str:
     place = re.search(r"line (\d+), column (\d+)", told)
     if place is None:
         return (
-            "cannot be read as a DBC: a line refers to an item that the file does not define"
+            "cannot be read as a DBC: a line refers to an item that the file does not define; export "
+            "the file again"
             if path.suffix.lower() == _DBC
             else "cannot be read; use a DBC, ARXML, KCD or SYM file"
         )
@@ -198,7 +199,9 @@ def _refuse_a_rest(path: Path, text: str, base: Any) -> None:
         known = sum(len(one.signals) for one in base.messages)
         if messages > len(base.messages) or signals > known:
             line = bare.count("\n", 0, found.start()) + 1
-            raise DbcError(f"{path} is incomplete: the DBC ends in line {line}: {found[0].strip()!r}")
+            raise DbcError(
+                f"{path} is incomplete: the DBC ends in line {line} ({found[0].strip()!r}); export it again"
+            )
 
 
 def _says_j1939(base: Any) -> bool:

@@ -61,7 +61,7 @@ def read_entry(
                 f"{did_you_mean(parts['unit'], units)}"
             )
         fitting = " or ".join(name for name, known in units.items() if known.si == si)
-        raise EntryError(f"{key} = {value} {parts['unit']} is not in {fitting}")
+        raise EntryError(f"{key} = {value} {parts['unit']} has the wrong unit; use {fitting}")
     if parts["provenance"] not in PROVENANCES:
         raise EntryError(f"{key}.provenance = {parts['provenance']!r}; use one of {', '.join(PROVENANCES)}")
     if not str(parts["source"]).strip():

@@ -27,7 +27,7 @@ def frame(identifier: int, data: bytes, time: int = 0, *, extended: bool = False
     limit = EXTENDED_ID_MAX if extended else STANDARD_ID_MAX
     if not 0 <= identifier <= limit:
         kind = "extended" if extended else "standard"
-        raise ValueError(f"identifier = {identifier:#x} is not a {kind} CAN identifier (0 to {limit:#x})")
+        raise ValueError(f"identifier = {identifier:#x} is not a {kind} CAN identifier; use 0 to {limit:#x}")
     if len(data) > LENGTH_MAX:
         raise ValueError(f"data = {len(data)} bytes does not fit in a classic CAN frame (0 to 8 bytes)")
     block = np.zeros(1, FRAME)

@@ -102,9 +102,9 @@ def check_size(path: Path, limit: int) -> None:
     """Raise Unfit for a file that is not an ordinary one, or is longer than ``limit``; OSError if it is missing."""
     found = path.stat()
     if not stat.S_ISREG(found.st_mode):
-        raise Unfit("is not an ordinary file")
+        raise Unfit("is not an ordinary file; use the path of a file")
     if found.st_size > limit:
-        raise Unfit(f"has {size(found.st_size)}; at most {size(limit)} are read")
+        raise Unfit(f"has {size(found.st_size)}; use a file of at most {size(limit)}")
 
 
 def read_bounded(path: Path, limit: int = DESCRIPTION_BYTES) -> bytes:
@@ -113,7 +113,7 @@ def read_bounded(path: Path, limit: int = DESCRIPTION_BYTES) -> bytes:
     with path.open("rb") as file:
         content = file.read(limit + 1)  # one byte more, because the file may grow
     if len(content) > limit:
-        raise Unfit(f"has more than {size(limit)}; at most that much is read")
+        raise Unfit(f"has more than {size(limit)}; use a smaller file")
     return content
 
 
@@ -132,7 +132,7 @@ def parse_toml(content: bytes) -> dict[str, Any]:
     try:
         tables = tomllib.loads(text)
     except RecursionError:
-        raise Unfit(f"is nested too deep; at most {DEPTH} levels of tables or lists are read") from None
+        raise Unfit(f"is nested too deep; use at most {DEPTH} levels of tables or lists") from None
     except ValueError as error:  # also raised by Python for integers with thousands of digits
         raise Unfit(f"is not TOML: {_in_words(str(error), text)}") from None
     _check_value("", tables, DEPTH)
@@ -147,14 +147,10 @@ def _check_keys(text: str) -> None:
         name = found[0]
         dots = name.count(".")
         if dots >= DEPTH:
-            raise Unfit(
-                f"is nested too deep in {name[:60]}; at most {DEPTH} levels of tables or lists are read"
-            )
+            raise Unfit(f"is nested too deep in {name[:60]}; use at most {DEPTH} levels of tables or lists")
         tables += dots if dots > 1 else 0  # a number has one dot
     if tables > NAMED_TABLES:
-        raise Unfit(
-            f"names {tables} tables in dotted keys; at most {NAMED_TABLES} are read, so shorten the keys"
-        )
+        raise Unfit(f"names {tables} tables in dotted keys; use at most {NAMED_TABLES}, with shorter keys")
 
 
 def _in_words(error: str, text: str) -> str:
@@ -171,9 +167,7 @@ def _in_words(error: str, text: str) -> str:
 def _check_value(name: str, value: object, depth: int) -> None:
     if isinstance(value, dict | list):
         if not depth:
-            raise Unfit(
-                f"is nested too deep in {name[:60]}; at most {DEPTH} levels of tables or lists are read"
-            )
+            raise Unfit(f"is nested too deep in {name[:60]}; use at most {DEPTH} levels of tables or lists")
         inner = value.items() if isinstance(value, dict) else enumerate(value, 1)
         for key, one in inner:
             _check_value(f"{name}.{key}" if name else str(key), one, depth - 1)
@@ -189,8 +183,8 @@ def check_dbc(path: Path) -> None:
     for found in _DBC_TEXT.finditer(content):
         if len(found[1]) >= QUOTED_BYTES:
             raise Unfit(
-                f"has a text of {size(len(found[1]))} in line {_line(content, found)}; at most "
-                f"{size(QUOTED_BYTES)} are read between quotation marks"
+                f"has a text of {size(len(found[1]))} in line {_line(content, found)}; use at most "
+                f"{size(QUOTED_BYTES)} between quotation marks"
             )
     bare = _DBC_TEXT.sub(lambda found: b'"' + b"\n" * found[0].count(b"\n"), content)
     total = pages = 0
@@ -198,15 +192,16 @@ def check_dbc(path: Path) -> None:
         count = _bounded(found[1]) if found[1] else (_bounded(found[2]) + _bounded(found[3]) + 7) // 8
         if count > MESSAGE_BYTES:
             raise Unfit(
-                f"has a message of {size(count)} in line {_line(bare, found)}; at most {size(MESSAGE_BYTES)} are read"
+                f"has a message of {size(count)} in line {_line(bare, found)}; use at most "
+                f"{size(MESSAGE_BYTES)}"
             )
         total += count if found[1] else 0
     for found in (one for said in _DBC_PAGES.finditer(bare) for one in _DBC_RANGE.finditer(said[0])):
         pages += max(0, _bounded(found[2]) - _bounded(found[1]))
     if total > MESSAGES_BYTES:
-        raise Unfit(f"has messages of {size(total)} in all; at most {size(MESSAGES_BYTES)} are read")
+        raise Unfit(f"has messages of {size(total)} in all; use at most {size(MESSAGES_BYTES)}")
     if pages > PAGES:
-        raise Unfit(f"has {pages} pages of multiplexed signals (SG_MUL_VAL_); at most {PAGES} are read")
+        raise Unfit(f"has {pages} pages of multiplexed signals (SG_MUL_VAL_); use at most {PAGES}")
 
 
 def _bounded(digits: bytes) -> int:
@@ -223,8 +218,8 @@ def check_expansion(path: Path, expanded: int) -> None:
     packed = path.stat().st_size
     if expanded > max(EXPANDED_BYTES, EXPANSION * packed):
         raise Unfit(
-            f"has {size(packed)} and unpacks to {size(expanded)} or more; at most {EXPANSION} times "
-            f"its size, or {size(EXPANDED_BYTES)}, are read; save it without compression, or in parts"
+            f"has {size(packed)} and unpacks to {size(expanded)} or more; the limit is {EXPANSION} "
+            f"times its size, or {size(EXPANDED_BYTES)}. Save it without compression, or in parts"
         )
 
 
@@ -255,18 +250,19 @@ def open_archive(path: Path, parsed: Collection[str] = ()) -> zipfile.ZipFile:
     try:
         archive = zipfile.ZipFile(path)
     except (zipfile.BadZipFile, ValueError, NotImplementedError, struct.error) as error:
-        raise Unfit(f"is not a readable zip archive: {error}") from None
+        raise Unfit(f"is not a readable zip archive ({error})") from None
     try:
         files = archive.infolist()
         total = sum(one.file_size for one in files)
         if len(files) > UNPACKED_FILES:
-            raise Unfit(f"holds {len(files)} files; at most {UNPACKED_FILES} are unpacked")
+            raise Unfit(f"holds {len(files)} files; use at most {UNPACKED_FILES}")
         if total > UNPACKED_BYTES:
-            raise Unfit(f"unpacks to {size(total)}; at most {size(UNPACKED_BYTES)} are unpacked")
+            raise Unfit(f"unpacks to {size(total)}; use at most {size(UNPACKED_BYTES)}")
         for one in files:
             if one.filename in parsed and one.file_size > PARSED_BYTES:
                 raise Unfit(
-                    f"holds {one.filename} with {size(one.file_size)}; at most {size(PARSED_BYTES)} of it are read"
+                    f"holds {one.filename} with {size(one.file_size)}; use at most "
+                    f"{size(PARSED_BYTES)} for it"
                 )
     except Unfit:
         archive.close()
@@ -286,7 +282,7 @@ def _check_directory(path: Path) -> None:
     (directory,) = struct.unpack_from("<I", tail, place + 12)
     # ZIP64 has its sizes in another place. It is for more than 65 535 files or 4 GiB.
     if directory > _DIRECTORY_BYTES or tail[max(place - 20, 0) : place].startswith(b"PK\6\7"):
-        raise Unfit(f"lists too many files; at most {UNPACKED_FILES} are unpacked")
+        raise Unfit(f"lists too many files; use at most {UNPACKED_FILES}")
 
 
 def check_text_table(path: Path, delimiter: str | None = None) -> None:
@@ -301,12 +297,12 @@ def check_text_table(path: Path, delimiter: str | None = None) -> None:
         while line := file.readline(LINE_BYTES + 1):
             number += 1
             if len(line) > LINE_BYTES:
-                raise Unfit(f"has more than {size(LINE_BYTES)} in line {number}; at most that much is read")
+                raise Unfit(f"has more than {size(LINE_BYTES)} in line {number}; shorten the line")
             if separator:
                 columns = line.count(separator) + 1
                 cells += columns
                 if columns > COLUMNS:
-                    raise Unfit(f"has {columns} columns in line {number}; at most {COLUMNS} are read")
+                    raise Unfit(f"has {columns} columns in line {number}; use at most {COLUMNS}")
     check_shape(number, 1, cells)
 
 
@@ -315,7 +311,7 @@ def check_shape(rows: int, columns: int, cells: int | None = None) -> None:
     found = rows * columns if cells is None else cells
     for count, limit, what in ((columns, COLUMNS, "columns"), (rows, ROWS, "rows"), (found, CELLS, "cells")):
         if count > limit:
-            raise Unfit(f"has {count} {what}; at most {limit} are read")
+            raise Unfit(f"has {count} {what}; use at most {limit}")
 
 
 def check_times(seconds: npt.NDArray[np.float64], what: str = "time") -> None:

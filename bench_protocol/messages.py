@@ -43,7 +43,9 @@ class Field:
 
     def __post_init__(self) -> None:
         if not 1 <= self.bits <= FIELD_BITS_MAX:
-            raise ValueError(f"{self.signal}: a field has 1 to {FIELD_BITS_MAX} bits, not {self.bits}")
+            raise ValueError(
+                f"{self.signal}: a field of {self.bits} bits is not possible; use 1 to {FIELD_BITS_MAX}"
+            )
 
     @property
     def raw_low(self) -> int:
@@ -91,13 +93,20 @@ class Message:
                 "that is sent on events only"
             )
         if not 0 <= self.data_id <= 0xFFFF:
-            raise ValueError(f"{self.name}: data id {self.data_id:#x} does not fit in 16 bits")
+            raise ValueError(
+                f"{self.name}: data id {self.data_id:#x} does not fit in 16 bits; use 0 to 0xFFFF"
+            )
         if self.bound and self.protection is not Protection.E2E:
-            raise ValueError(f"{self.name}: only the CRC of an end-to-end protected message can bind a token")
+            raise ValueError(
+                f"{self.name}: only an end-to-end protected message can bind a token; use Protection.E2E"
+            )
         used = self.first_bit + sum(field.bits for field in self.fields)
         room = FRAME_BITS - (8 if self.protection is Protection.COUNTER else 0)
         if used > room:
-            raise ValueError(f"{self.name}: its fields end at bit {used}, the frame has room for {room}")
+            raise ValueError(
+                f"{self.name}: its fields end at bit {used}, but the frame has room for {room}; move a "
+                "field to another message"
+            )
 
     @property
     def first_bit(self) -> int:

@@ -82,10 +82,10 @@ def misfit(error: Exception, content: object, kind: Any) -> str:
     if found := re.fullmatch("Object (contains unknown|missing required) field `(.*)`", said):
         whole = f"{name}.{found[2]}" if name else found[2]
         if found[1] == "missing required":
-            return f"the key {whole} is missing"
+            return f"the key {whole} is missing; add it"
         return f"{whole} is not a key here; {did_you_mean(found[2], _fields(form))}"
     if found := re.match(r"(?:Expected|Invalid) ", said):
-        return f"{name} = {value!r}; use {_right(said, form)}" if name else f"{_right(said, form)} is needed"
+        return f"{name} = {value!r}; use {_right(said, form)}" if name else f"use {_right(said, form)}"
     return f"{name}: {said}" if name and name not in said else said  # a sentence of our own schema
 
 

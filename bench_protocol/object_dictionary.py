@@ -154,7 +154,9 @@ def object_dictionary(table: Table) -> tuple[DictionaryObject, ...]:
     objects.sort(key=lambda one: one.index)
     for one, other in pairwise(objects):
         if one.index == other.index:
-            raise ValueError(f"{one.name} and {other.name} are both object {one.index:04X}h")
+            raise ValueError(
+                f"{one.name} and {other.name} are both object {one.index:04X}h; change one of them"
+            )
     return tuple(objects)
 
 

@@ -87,15 +87,22 @@ class Register:
 
     def __post_init__(self) -> None:
         if self.space not in SPACES:
-            raise ValueError(f"{self.signal}: space {self.space!r} is not one of {', '.join(SPACES)}")
+            raise ValueError(
+                f"{self.signal}: space {self.space!r} is unknown; use one of {', '.join(SPACES)}"
+            )
         if self.encoding not in ENCODINGS:
             raise ValueError(
-                f"{self.signal}: encoding {self.encoding!r} is not one of {', '.join(ENCODINGS)}"
+                f"{self.signal}: encoding {self.encoding!r} is unknown; use one of {', '.join(ENCODINGS)}"
             )
         if (self.encoding == "bit") is not (self.space in _BIT_SPACES):
-            raise ValueError(f"{self.signal}: {self.encoding} does not fit among the {self.space} registers")
+            raise ValueError(
+                f"{self.signal}: {self.encoding} is not possible in the space {self.space}; use bit "
+                "in coil and discrete only"
+            )
         if not 0 <= self.address <= ADDRESSES - self.words:
-            raise ValueError(f"{self.signal}: address {self.address} is not in 0 to {ADDRESSES - self.words}")
+            raise ValueError(
+                f"{self.signal}: address {self.address} is out of range; use 0 to {ADDRESSES - self.words}"
+            )
 
     @property
     def words(self) -> int:
@@ -131,9 +138,7 @@ def _block_and_number(signal: Signal) -> tuple[Block, int]:
                 return block, block.numbers[steps]
     given = "no address" if signal.address is None else f"address {signal.address}"
     places = " or ".join(f"from {block.floats} to {block.address(block.numbers[-1])}" for block in BLOCKS)
-    raise ValueError(
-        f"{signal.name} has {given}; its float needs an even input register {places} that nothing else has"
-    )
+    raise ValueError(f"{signal.name} has {given}; give it an even input register {places} that is free")
 
 
 def reading_number(signal: Signal) -> int:
@@ -171,7 +176,10 @@ def registers_of(signals: Iterable[Signal]) -> tuple[Register, ...]:
         if signal.kind in READINGS:
             other = readings.setdefault(reading_number(signal), signal.name)
             if other != signal.name:
-                raise ValueError(f"{other} and {signal.name} both have the input register {signal.address}")
+                raise ValueError(
+                    f"{other} and {signal.name} both have the input register {signal.address}; change "
+                    "one of them"
+                )
         elif signal.kind not in (Kind.SETPOINT, Kind.FURTHER):
             others += _without_blocks(signal)
     spaces = list(SPACES)
@@ -186,7 +194,7 @@ def registers_of(signals: Iterable[Signal]) -> tuple[Register, ...]:
 def _without_blocks(signal: Signal) -> Iterator[Register]:
     space = _SPACE_OF[signal.kind]
     if signal.address is None:
-        raise ValueError(f"{signal.name}, a {signal.kind}, needs an address among the {space} registers")
+        raise ValueError(f"{signal.name} has no address; a {signal.kind} needs one in the space {space}")
     yield Register(signal.name, space, signal.address, "bit" if space in _BIT_SPACES else "float32")
     if signal.kind is Kind.SETTING:
         yield Register(signal.name, "input", ACTIVE_BLOCK + signal.address, "float32")

@@ -57,9 +57,11 @@ class Signal:
                 f"signal name {self.name!r} must be device.reading in small letters, digits and underscores"
             )
         if self.unit not in FACTORS:
-            raise ValueError(f"{self.name}: unit {self.unit!r} is not one of {', '.join(FACTORS)}")
+            raise ValueError(f"{self.name}: unit {self.unit!r} is unknown; use one of {', '.join(FACTORS)}")
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
-            raise ValueError(f"{self.name}: range {self.low:g} to {self.high:g} is empty")
+            raise ValueError(
+                f"{self.name}: range {self.low:g} to {self.high:g} is empty; low must be below high"
+            )
         if not self.step > 0:
             raise ValueError(f"{self.name}: step = {self.step:g} must be positive")
         if not self.low <= self.default <= self.high and self.kind is Kind.SETTING:
@@ -71,11 +73,13 @@ class Signal:
                 f"{self.name}: high must be {len(self.choices) - 1}, the number of its last choice"
             )
         if self.choices and (self.low != 0 or self.step != 1):
-            raise ValueError(f"{self.name}: choices are numbered from 0 in steps of 1")
+            raise ValueError(f"{self.name}: choices need low = 0 and step = 1")
         if len(set(self.choices)) < len(self.choices):
-            raise ValueError(f"{self.name}: two of its choices have one name")
+            raise ValueError(f"{self.name}: two of its choices have the same name; rename one")
         if (self.group is None) is (self.kind in MEASURED):
-            raise ValueError(f"{self.name}: a measurement, and nothing else, has a group of sensors")
+            raise ValueError(
+                f"{self.name}: a measurement needs a group of sensors, and another signal must have none"
+            )
 
     @property
     def attribute(self) -> tuple[str, str]:
@@ -115,6 +119,6 @@ class Signal:
         """Return ``value`` if the wire can carry it; ValueError with value, unit and range if not."""
         if not self.low <= value <= self.high:
             raise ValueError(
-                f"{self.name} = {self.show(value)} does not fit on the wire, which carries {self.range_text()}"
+                f"{self.name} = {self.show(value)} does not fit in the messages; use {self.range_text()}"
             )
         return value

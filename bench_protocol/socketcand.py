@@ -298,7 +298,7 @@ def _received_record(arguments: list[bytes], text: bytes) -> bytes:
         shown = _shown(b" ".join(arguments[2:]))
         raise _LineError(f"data '{shown}' is not pairs of hexadecimal digits") from None
     if len(payload) > LENGTH_MAX:
-        raise _LineError(f"{len(payload)} data bytes, a classic CAN frame carries 0 to 8")
+        raise _LineError(f"{len(payload)} data bytes do not fit; a classic CAN frame carries 0 to 8")
     return _RECORD.pack(time, identifier, extended, len(payload), payload)
 
 
@@ -310,7 +310,7 @@ def _sent_record(arguments: list[bytes], text: bytes) -> bytes:
         raise _LineError(f"length '{_shown(arguments[1])}' is not a decimal number from 0 to 8")
     count = int(arguments[1])
     if count > LENGTH_MAX:
-        raise _LineError(f"length {count}, a classic CAN frame carries 0 to 8 bytes")
+        raise _LineError(f"length {count} does not fit; a classic CAN frame carries 0 to 8 bytes")
     if len(arguments) - 2 != count:
         raise _LineError(_count_error(count, len(arguments) - 2))
     payload = bytes(_byte(word) for word in arguments[2:])
@@ -335,7 +335,7 @@ def _identifier_error(digits: bytes) -> str:
 
 
 def _time_error(seconds: bytes) -> str:
-    return f"time stamp of {int(seconds)} s, the latest that can be kept is {_SECONDS_MAX} s"
+    return f"time stamp of {int(seconds)} s is too late; use {_SECONDS_MAX} s or less"
 
 
 def _count_error(announced: int, found: int) -> str:

@@ -39,7 +39,7 @@ def base_exponents(unit: str) -> dict[str, int]:
         for part in filter(None, text.split("*")):
             found = re.fullmatch(r"([A-Za-z]+|1)(\d*)", part)
             if found is None or found[1] not in _EXPONENTS:
-                raise ValueError(f"unit {unit!r} has a part {part!r} that is none of {', '.join(_EXPONENTS)}")
+                raise ValueError(f"unit {unit!r} has the unknown part {part!r}; use {', '.join(_EXPONENTS)}")
             for base, power in _EXPONENTS[found[1]].items():
                 total[base] += sign * power * int(found[2] or 1)
     return {base: power for base, power in total.items() if power}

@@ -50,30 +50,35 @@ class Table:
         self._check_registers()
         if self.bus_load > BUS_LOAD_MAX:
             raise ValueError(
-                f"the CAN messages take {self.bus_load:.1%} of the bus; at most {BUS_LOAD_MAX:.0%}"
+                f"the CAN messages use {self.bus_load:.1%} of the bus, more than {BUS_LOAD_MAX:.0%}; reduce their rates"
             )
 
     def _check_field(self, message: Message, field: Field) -> None:
         if field.signal not in self.index:
-            raise ValueError(f"{message.name}: its field {field.signal} is not a signal of the table")
+            raise ValueError(
+                f"{message.name}: its field {field.signal} is not a signal of the table; correct its name"
+            )
         signal = self[field.signal]
         step = field.step or signal.step
         if round(signal.low / step) < field.raw_low or round(signal.high / step) > field.raw_high:
             raise ValueError(
-                f"{message.name}: {signal.name} carries {signal.range_text()}, too much for {field.bits} bits"
+                f"{message.name}: the range {signal.range_text()} of {signal.name} does not fit in "
+                f"{field.bits} bits; use more bits"
             )
 
     def _check_registers(self) -> None:
         taken: dict[tuple[str, int], Register] = {}
         for register in self.registers:
             if register.signal not in self.index and register.signal not in OWN_NAMES:
-                raise ValueError(f"{register.signal} has a register, but is not a signal of the table")
+                raise ValueError(
+                    f"{register.signal} has a register, but is not a signal of the table; correct its name"
+                )
             for address in range(register.address, register.address + register.words):
                 other = taken.setdefault((register.space, address), register)
                 if other is not register:
                     raise ValueError(
-                        f"{register.space} register {address} is used twice, by {other.signal} and "
-                        f"{register.signal}"
+                        f"{register.space} register {address} is used by {other.signal} and "
+                        f"{register.signal}; change one of them"
                     )
 
     @cached_property

@@ -23,14 +23,14 @@ def read_written(what: str, text: Any, si: str) -> float:
     fitting = " or ".join(unit for unit, (base, *_) in WRITTEN_UNITS.items() if base == si)
     match = _NUMBER.fullmatch(str(text))
     if match is None or isinstance(text, bool):
-        raise NotAValue(f"{what} = {text!r} is not a number with its unit ({fitting})")
+        raise NotAValue(f"{what} = {text!r} is not a number with its unit; use a number in {fitting}")
     unit = match[2] or "1"
     base, factor, _ = UNITS.get(unit, ("", 0.0, 0.0))
     if base != si or unit not in FACTORS:
-        raise NotAValue(f"{what} = {text!r} is not in {fitting}")
+        raise NotAValue(f"{what} = {text!r} has a missing or wrong unit; use {fitting}")
     number = float(match[1]) * factor
     if isinf(number):
-        raise NotAValue(f"{what} = {text!r} is not finite ({fitting})")
+        raise NotAValue(f"{what} = {text!r} is not finite; use a smaller number in {fitting}")
     return number
 
 

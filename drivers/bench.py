@@ -118,7 +118,7 @@ class Bench(Link):
         Raises MapMismatch, NotCommander or LinkLost on failure. Everything is then closed again.
         """
         if self._connected:
-            raise Misuse("this bench is connected already")
+            raise Misuse("this bench is connected already; close it first")
         self._connected = True
         try:
             self.wiring.open(self.clock, self.receiver.receive, self._on_lost, within=within)
@@ -242,7 +242,10 @@ class Bench(Link):
         is not known to monitor its commander.
         """
         if not self.wiring.capabilities.watchdog:
-            raise NotAvailable(f"{self.wiring.rig} is not known to notice that its commander is silent")
+            raise NotAvailable(
+                f"the wiring of {self.wiring.rig} does not state that the rig detects a silent "
+                "commander (capability watchdog)"
+            )
         self._armed = False
         with self.despite_faults():
             if about == "settings":

@@ -66,7 +66,9 @@ class CanLog:
                 pass  # frames that cannot be written must not fill the memory
 
     def _error(self) -> CanLogError:
-        return CanLogError(f"{self._path} lacks frames: {self._failure}")
+        return CanLogError(
+            f"{self._path} is incomplete, because frames could not be written: {self._failure}"
+        )
 
 
 def write_frames(blocks: Iterable[Block], path: Path) -> int:

@@ -301,7 +301,7 @@ class PythonCanPort:
         try:
             self._receiver.send(block)
         except (can.CanError, OSError) as error:
-            raise LinkLost(f"frames could not be sent: {error}") from error
+            raise LinkLost(f"CAN frames could not be sent: {error}; check the adapter and the bus") from error
 
     def subscribe(self, callback: OnFrames) -> None:
         """Call ``callback(block)`` with all frames received from now on, in order, in the receiver's thread."""

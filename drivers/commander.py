@@ -133,8 +133,8 @@ class Commander:
             if outside.any():
                 first = int(np.argmax(outside))
                 raise Misuse(
-                    f"{name} would be {signal.show(places[first])} at {first * CYCLE / NS:g} s of the waveform, "
-                    f"and can be {signal.range_text()}"
+                    f"{name} would be {signal.show(places[first])} at {first * CYCLE / NS:g} s of the "
+                    f"waveform; use {signal.range_text()}"
                 )
         if not self._moving.play_waveform(self._setpoints, self._mutex.address, rows, table):
             name = next(name for name in offsets if math.isnan(self.value(name)))

@@ -110,7 +110,9 @@ class Declaration(Generic[T]):
     def check(self, kind: Kind, name: str) -> None:
         """Raise TypeError if the kind of the signal in the table differs from that of this declaration."""
         if kind not in self.kinds:
-            raise TypeError(f"{name} is a {kind}, declared as {type(self).__name__}")
+            raise TypeError(
+                f"{name} is a {kind}, but is declared as {type(self).__name__}; correct the declaration"
+            )
 
     @overload
     def __get__(self, device: None, owner: type[Device]) -> Self: ...

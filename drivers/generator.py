@@ -106,7 +106,7 @@ class Generator(Device):
     def start_together(self, *waves: Wave) -> None:
         """Start the motion of :meth:`run_together` and return at once."""
         if not waves:
-            raise Misuse("a program of the generator needs at least one wave")
+            raise Misuse("the program of the generator has no wave; give at least one")
         link = self._link
         if lacking := link.lacks("action.program_add", "generator.delay"):
             raise NotAvailable(lacking)
@@ -137,7 +137,8 @@ class Generator(Device):
         if list(wave.amplitudes) != [wanted]:
             got = ", ".join(wave.amplitudes) or "none"
             raise Misuse(
-                f"generator on {wave.axis}: the present control mode of the axis needs {wanted}; given: {got}"
+                f"generator on {wave.axis}: the given amplitude is {got}, but the present control mode "
+                f"of the axis needs {wanted}"
             )
         settings: dict[str, float | str] = {
             "axis": wave.axis,

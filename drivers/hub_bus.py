@@ -97,13 +97,15 @@ class HubBus(can.BusABC):
             data = self._socket.recv(_READ_SIZE)
             if not data:
                 raise can.CanInitializationError(
-                    f"cannot open {self._where}: the server closed the connection"
+                    f"cannot open {self._where}: the server closed the connection; check that it is a "
+                    "socketcand server"
                 )
             waiting.extend(self._parser.feed(data))
         event = waiting.popleft()
         if not isinstance(event, socketcand.Command) or event.word != word:
             raise can.CanInitializationError(
-                f"cannot open {self._where}: the server should have answered '< {word} >', it sent '{event}'"
+                f"cannot open {self._where}: the server sent '{event}' instead of '< {word} >'; check "
+                "that it is a socketcand server"
             )
 
     def recv_block(self, timeout: float | None = None) -> Block:
@@ -132,7 +134,11 @@ class HubBus(can.BusABC):
             if self._lost:
                 raise can.CanOperationError(self._lost)
             if not self.wire.usable:
-                raise can.CanOperationError(self._lose("an earlier client could not send its frames"))
+                raise can.CanOperationError(
+                    self._lose(
+                        "an earlier line was not sent completely, so this connection cannot be used any more"
+                    )
+                )
             try:
                 self._socket.sendall(lines)
             except OSError as error:

@@ -247,9 +247,10 @@ class Link:
             signals = self.readings.sample("rig.state")
             limit = int(self.wiring.freshness[self.table.index["rig.state"]]) / NS
             if signals.quality is Quality.UNAVAILABLE:
-                raise LinkLost("the rig reports an unknown state")
+                raise LinkLost("the rig reports no state (rig.state is unavailable); check its controller")
             raise LinkLost(
-                f"the rig is silent: its last state is {signals.age:.2g} s old, and is stale after {limit:g} s"
+                f"the rig is silent: its last state is {signals.age:.2g} s old, and is stale after {limit:g} s; "
+                "check the rig and its connection"
             )
         if state in DOWN_STATES:
             reason = self.readings.choice("rig.reason") if self.has("rig.reason") else UNKNOWN

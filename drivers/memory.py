@@ -83,9 +83,9 @@ class Faults:
     def __post_init__(self) -> None:
         for name in ("lose", "double", "delay", "echo"):
             if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"{name} = {getattr(self, name):g} is not a probability (0 to 1)")
+                raise ValueError(f"{name} = {getattr(self, name):g} is not a probability; use 0 to 1")
         if not 1 <= self.delay_frames <= 10_000:
-            raise ValueError(f"delay_frames = {self.delay_frames} is outside 1 to 10000")
+            raise ValueError(f"delay_frames = {self.delay_frames} is out of range; use 1 to 10000")
 
 
 class _Mishaps:

@@ -197,7 +197,7 @@ class SharedClient:
             return error.strerror or "the connection broke"
         came = instead(self._request, self._came, framed=self._framed)
         if isinstance(error, ModbusException) and "No response received" not in str(error):
-            return f"the bytes from the device do not answer the request{came}"
+            return f"the device sent bytes that are not an answer to the request{came}"
         return f"the device does not answer in {self._timeout():g} s{came or SEE_TO_IT}"
 
     def hang_up(self) -> None:

@@ -140,7 +140,10 @@ class ModbusPort:
             objects, following = self._identification_from(start, what)
             found.update(objects)
             if following is not None and following <= start:
-                raise LinkLost(f"{what} failed: the answers do not end; their object numbers must rise")
+                raise LinkLost(
+                    f"{what} failed: the object numbers do not rise from answer to answer, so the "
+                    "answers do not end"
+                )
             start = following
         return found
 
@@ -151,7 +154,7 @@ class ModbusPort:
             what, lambda: ask(read_code=_EXTENDED_ACCESS, object_id=start, device_id=self._unit)
         )
         if not isinstance(reply, ReadDeviceInformationResponse):
-            raise LinkLost(f"{what} failed: the answer belongs to another request")
+            raise LinkLost(f"{what} failed: the device answered with another function")
         return dict(reply.information), reply.next_object_id if reply.more_follows else None
 
     def close(self) -> None:
@@ -192,7 +195,7 @@ class ModbusPort:
             meaning = self.meaning.get(code, "for a reason that is not in the specification")
             raise Refused(f"{what} was refused: {meaning} (Modbus exception {code})", code)
         if reply.isError():
-            raise LinkLost(f"{what} failed: the bytes from the device do not answer the request")
+            raise LinkLost(f"{what} failed: the device sent bytes that are not an answer to the request")
         return reply
 
     def _note_port(self) -> None:

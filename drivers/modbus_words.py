@@ -24,9 +24,12 @@ def request_in_words(verb: str, address: int, count: int, count_max: int, where:
     """Return the text of a request to ``where``. Raises ValueError if no request can have these numbers."""
     what = f"{verb} {address}" + (f" to {address + count - 1}" if count > 1 else "") + f" of {where}"
     if not 1 <= count <= count_max:
-        raise ValueError(f"{verb}: count = {count} does not fit in one request (1 to {count_max})")
+        raise ValueError(f"{verb}: count = {count} does not fit in one request; use 1 to {count_max}")
     if not 0 <= address <= 0x1_0000 - count:
-        raise ValueError(f"{verb}: address = {address} with count = {count} is outside 0 to 65535")
+        raise ValueError(
+            f"{verb}: address = {address} with count = {count} is outside the addresses 0 to 65535; "
+            "correct the address or the count"
+        )
     return what
 
 
@@ -35,7 +38,7 @@ def in_registers(what: str, values: Sequence[int]) -> list[int]:
     numbers = [int(value) for value in values]
     for value in numbers:
         if not 0 <= value <= 0xFFFF:
-            raise ValueError(f"{what}: {value} does not fit in a register (0 to 65535)")
+            raise ValueError(f"{what}: {value} does not fit in a register; use 0 to 65535")
     return numbers
 
 

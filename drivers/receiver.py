@@ -166,8 +166,8 @@ class Capture:
             raise Misuse(f"{name} is not in this capture, which has {', '.join(self.names)}")
         if self._size > CAPTURE_SAMPLES_MAX:
             raise Misuse(
-                f"a capture holds {CAPTURE_SAMPLES_MAX:,} samples of all signals, and this one needs "
-                f"{self._size:,}: measure for a shorter time; the record of the run has them all"
+                f"this capture has {self._size:,} samples of all signals, more than the limit of "
+                f"{CAPTURE_SAMPLES_MAX:,}; measure for a shorter time, or use the record of the run"
             )
         row = self._row(name)
         blocks = list(self._blocks)

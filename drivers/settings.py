@@ -43,12 +43,13 @@ class Settings:
             raise Misuse(f"{name} is a {signal.kind}; only settings can be written")
         if isinstance(value, str):
             if value not in signal.choices:
-                raise ValueError(f"{name} = {value!r} is not one of {signal.range_text() or 'its choices'}")
+                right = signal.range_text() if signal.choices else f"a number in {signal.si}"
+                raise ValueError(f"{name} = {value!r} is not valid; use {right}")
             return float(signal.choices.index(value))
         number = signal.check(float(value))
         if signal.choices and number != round(number):
             raise ValueError(
-                f"{name} = {number:g} is not the number of a choice; it is one of {signal.range_text()}"
+                f"{name} = {number:g} is not the number of a choice; use one of {signal.range_text()}"
             )
         return number
 
@@ -85,7 +86,7 @@ class Settings:
         """Trigger an action by its name in the table (``action.apply``)."""
         actions = [signal.name for signal in self._table.of_kind(Kind.ACTION)]
         if name not in actions:
-            raise Misuse(f"there is no action {name!r}; there are {', '.join(actions)}")
+            raise Misuse(f"there is no action {name!r}; use one of {', '.join(actions)}")
         refuse_absent(self._wiring, name)
         self._wiring.act(name)
 

@@ -101,8 +101,9 @@ class Waveform(Device):
         played = link.commander.played
         if played.cycle < played.cycles:
             raise Misuse(
-                f"the waveform ended after {played.cycle * CYCLE / NS:g} of {played.cycles * CYCLE / NS:g} s: "
-                "one of its set-points was given another value"
+                f"the waveform ended at {played.cycle * CYCLE / NS:g} s of "
+                f"{played.cycles * CYCLE / NS:g} s, because one of its set-points received another "
+                "value; do not set it during a waveform"
             )
         link.wait_cycles(STREAM_CYCLES)
 
@@ -133,15 +134,16 @@ class Waveform(Device):
         pace = link.wiring.capabilities.pace.get(signal.si, math.nan)
         if math.isnan(pace):
             raise NotAvailable(
-                f"it is not known how fast {link.wiring.rig} follows {name}; state the limits in "
-                "[player] of its wiring"
+                f"the wiring of {link.wiring.rig} does not state how fast {name} can move; add the "
+                "limits in [player]"
             )
         speeds = np.diff(way) * NS / CYCLE
         worst = int(np.argmax(np.abs(speeds)))
         if abs(speeds[worst]) > pace * (1 + 1e-9):
             raise Misuse(
-                f"{name} would move with {signal.show(abs(speeds[worst]))}/s at {(worst + 1) * CYCLE / NS:g} s; "
-                f"{signal.show(pace)}/s is the most that {link.wiring.rig} follows"
+                f"{name} would move with {signal.show(abs(speeds[worst]))}/s at "
+                f"{(worst + 1) * CYCLE / NS:g} s; {link.wiring.rig} follows {signal.show(pace)}/s at "
+                "most, so use a slower waveform"
             )
 
 
@@ -149,16 +151,18 @@ def _cycles(times: Floats, offsets: Mapping[str, Floats]) -> dict[str, Floats]:
     """Return ``offsets`` at each cycle, the first one at 0 s. Raises Misuse for an invalid waveform."""
     times = np.asarray(times, np.float64)
     if times.ndim != 1 or times.size < 2 or times[0] != 0.0 or not (np.diff(times) > 0.0).all():
-        raise Misuse("the times of a waveform must rise from 0 s")
+        raise Misuse("the times of the waveform do not rise from 0 s; give 0 s and at least one later time")
     if not offsets:
-        raise Misuse("a waveform moves at least one set-point")
+        raise Misuse("the waveform has no set-point; give at least one")
     cycles = np.arange(math.ceil(times[-1] * NS / CYCLE - 1e-6) + 1) * CYCLE / NS
     found = {}
     for name, given in offsets.items():
         values = np.asarray(given, np.float64)
         if values.shape != times.shape or not np.isfinite(values).all():
             good = np.count_nonzero(np.isfinite(values))
-            raise Misuse(f"waveform of {name}: {good} numbers for {times.size} times")
+            raise Misuse(
+                f"waveform of {name}: {good} finite numbers for {times.size} times; give one for each time"
+            )
         if values[0] != 0.0 or values[-1] != 0.0:
             raise Misuse(
                 f"waveform of {name}: it begins at {values[0]:g} and ends at {values[-1]:g}; use 0 for "

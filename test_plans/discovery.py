@@ -84,7 +84,7 @@ def in_file(path: Path) -> dict[str, Plan]:
     module = _module_of(path)
     found = {one.name: one for one in declared(module) if one.main.__module__ == module.__name__}
     if not found:
-        raise PlanError(f"{path} declares no plan: a function with @plan above it would be one")
+        raise PlanError(f"{path} declares no plan; add a function with @plan above it")
     return found
 
 
@@ -120,7 +120,7 @@ def _module_of(path: Path) -> ModuleType:
     if name in sys.modules:
         return sys.modules[name]
     if not path.is_file():
-        raise PlanError(f"{path} is no file; `astb plans new {path.stem}` writes one to begin with")
+        raise PlanError(f"{path} is not a file; `astb plans new {path.stem}` writes a new one")
     spec = spec_from_file_location(name, path)
     assert spec and spec.loader, path
     module = sys.modules[name] = module_from_spec(spec)

@@ -164,7 +164,7 @@ def _pieces(content: Mapping[str, Any]) -> dict[str, Piece]:
     for signal, entry in as_table("signal", content.get("signal", {})).items():
         key = f'signal."{signal}"'
         if signal not in TABLE.index:
-            raise EntryError(f"{key} is no signal; {did_you_mean(signal, TABLE.index)}")
+            raise EntryError(f"{key} is not a signal; {did_you_mean(signal, TABLE.index)}")
         refuse_unknown(f"{key}.", as_table(key, entry), _PIECE, _FILE)
         name = entry.get("instrument")
         if name not in kinds:
@@ -174,7 +174,7 @@ def _pieces(content: Mapping[str, Any]) -> dict[str, Piece]:
         for day in ("calibrated", "due"):
             if day in entry and type(entry[day]) is not date:  # a datetime is a date in Python, too
                 raise EntryError(
-                    f"{key}.{day} = {entry[day]!r} is no day; 2027-02-03, without quotes, would be"
+                    f"{key}.{day} = {entry[day]!r} is not a date; write it like 2027-02-03, without quotes"
                 )
         instrument = _instrument(name, kinds[name], TABLE[signal].si)
         rest = {one: entry[one] for one in _PIECE[2:] if one in entry}
@@ -196,5 +196,5 @@ def _instrument(name: str, entry: Mapping[str, Any], si: str) -> Instrument:
 def _value(key: str, raw: Any, si: str) -> float:
     entry = read_entry(key, raw, si)
     if (value := entry.si()) < 0.0:
-        raise EntryError(f"{key} = {entry.parts['value']:g} {entry.unit} is no half-width; it is 0 or more")
+        raise EntryError(f"{key} = {entry.parts['value']:g} {entry.unit} is not a half-width; use 0 or more")
     return value

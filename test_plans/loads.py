@@ -90,8 +90,8 @@ class Limits:
         curve = self.curve(name, unit)
         if not min(curve) <= place <= max(curve):
             raise SpecimenError(
-                f"{self.where} has no limit of {name} at {place:g} (SI): its range is {min(curve):g} to "
-                f"{max(curve):g}"
+                f"{self.where} has no limit of {name} at {place:g} (SI); extend its range, now "
+                f"{min(curve):g} to {max(curve):g}"
             )
         ends = ([band.low for band in curve.values()], [band.high for band in curve.values()])
         low, high = (float(np.interp(place, list(curve), np.array(end, float))) for end in ends)
@@ -102,7 +102,8 @@ class Limits:
             raise SpecimenError(f"{self.where} has no limit of {name}; add {parts}")
         if name in self.units and (unit not in UNITS or UNITS[unit].si != self.units[name]):
             raise SpecimenError(
-                f"{self.where}.{name} is stated in {self.units[name]}; the plan asks for it in {unit or 'no unit'}"
+                f"{self.where}.{name} has the unit {self.units[name]}, but the plan needs "
+                f"{unit or 'no unit'}; correct the unit"
             )
         return known[name]
 

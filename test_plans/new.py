@@ -44,9 +44,11 @@ def write_new(name: str, folder: Path, known: Collection[str]) -> Path:
     Raises PlanError if Python or one of the plans ``known`` uses the name, or if the file exists.
     """
     if not name.isidentifier() or keyword.iskeyword(name) or name == "new":
-        raise PlanError(f"{name!r} is no name for a plan: letters, digits and _ as in pressure_is_kept")
+        raise PlanError(
+            f"{name!r} is not a name for a plan; use letters, digits and _, as in pressure_is_kept"
+        )
     if name in known:
-        raise PlanError(f"there is a plan {name} already; another name would do")
+        raise PlanError(f"there is a plan {name} already; choose another name")
     path = folder / f"{name}.py"
     try:
         with path.open("x", encoding="utf-8") as file:

@@ -36,7 +36,10 @@ class Question:
 
     def __post_init__(self) -> None:
         if not self.text.strip() or not self.answers:
-            raise ValueError(f"a question has a text and answers; {self.text!r} has {list(self.answers)}")
+            raise ValueError(
+                f"the question {self.text!r} has the answers {list(self.answers)}; give it a text and "
+                "at least one answer"
+            )
 
     @property
     def allowed(self) -> tuple[str, ...]:
@@ -100,7 +103,7 @@ class Script:
                     _allowed(question, reply(question) if callable(reply) else reply), self._by
                 )
                 return
-        raise Unanswered(f"{self._by} has no answer to it")
+        raise Unanswered(f"{self._by} has no answer to this question")
 
     def answer(self) -> Answer | None:
         return self._answer
@@ -139,7 +142,7 @@ class QuestionBox:
         """
         with self._lock:
             if self._question is None or self._answer is not None:
-                raise ValueError(f"{by} answers {text!r}, but nothing is being asked")
+                raise ValueError(f"{by} answers {text!r}, but no question is open")
             if to and to != self._question.text:
                 raise ValueError(f"{by} answers {to!r}, but the present question is {self._question.text!r}")
             self._answer = Answer(_allowed(self._question, text), by)
@@ -188,6 +191,6 @@ class FirstOf:
 def _allowed(question: Question, text: str) -> str:
     if text not in question.allowed:
         raise ValueError(
-            f"{text!r} is no answer to {question.text!r}; {', '.join(question.allowed)} would be"
+            f"{text!r} is not an answer to {question.text!r}; use one of {', '.join(question.allowed)}"
         )
     return text

@@ -29,9 +29,9 @@ class Range:
 
     def __post_init__(self) -> None:
         if self.unit not in WRITTEN_UNITS:
-            raise ValueError(f"Range: unit {self.unit!r} is not one of {', '.join(WRITTEN_UNITS)}")
+            raise ValueError(f"Range: unit {self.unit!r} is unknown; use one of {', '.join(WRITTEN_UNITS)}")
         if not self.low < self.high:
-            raise ValueError(f"Range: nothing lies from {self.low:g} to {self.high:g}; low comes first")
+            raise ValueError(f"Range: {self.low:g} is not below {self.high:g}; write the lower value first")
 
     @property
     def factor(self) -> float:
@@ -81,17 +81,19 @@ class Parameter:
             return str(text)
         if self.range is None:
             if text not in self.choices:
-                raise ParameterRefused(f"{self.name} = {text!r} is none of {', '.join(self.choices)}")
+                raise ParameterRefused(
+                    f"{self.name} = {text!r} is unknown; use one of {', '.join(self.choices)}"
+                )
             return str(text)
         try:
             value = read_written(self.name, text, WRITTEN_UNITS[self.range.unit].si)
         except NotAValue as error:
-            raise ParameterRefused(f"{error}; use {self.range}") from None
+            raise ParameterRefused(f"{error}; the range is {self.range}") from None
         if value not in self.range:
             raise ParameterRefused(f"{self.name} = {self.show(value)} is outside {self.range}")
         if self.whole and value != round(value):
             raise ParameterRefused(
-                f"{self.name} = {self.show(value)} is no whole number; {self.range} has some"
+                f"{self.name} = {self.show(value)} is not a whole number; use one from {self.range}"
             )
         return round(value) if self.whole else value
 
@@ -137,7 +139,7 @@ def _declared(name: str, hint: Any, default: Any) -> Parameter:
         )
     if default not in (one.range or one.file or one.choices):
         raise TypeError(
-            f"parameter {name} has the default {one.show(default)}, which is not one of {one.allowed}"
+            f"parameter {name} has the default {one.show(default)}, which is not allowed; use {one.allowed}"
         )
     return one
 

@@ -153,7 +153,8 @@ def _plan(main: Part, setup: Part, teardown: Part, needs: tuple[str, ...]) -> Pl
     for name in needs:
         if name not in TABLE.index and not is_dimension(name):
             raise PlanError(
-                f"plan {main.__name__} needs {name!r}, which is no signal of the table, and no dimension"
+                f"plan {main.__name__} needs {name!r}, which is neither a signal of the table nor a "
+                "dimension; correct needs"
             )
     try:
         parameters = declared_parameters(main)
@@ -164,7 +165,7 @@ def _plan(main: Part, setup: Part, teardown: Part, needs: tuple[str, ...]) -> Pl
         for name in list(inspect.signature(part).parameters)[1:]:
             if name not in known:
                 raise PlanError(
-                    f"plan {main.__name__} has no parameter {name}, which {part.__name__} asks for"
+                    f"plan {main.__name__} has no parameter {name}, which {part.__name__} needs; add it"
                 )
     title = instruction.splitlines()[0]
     values = {one.name: one.default for one in parameters}

@@ -196,7 +196,7 @@ class Run:
         Raises PlanError for an undeclared unit, and ValueError for limits that no value can break or meet.
         """
         if unit not in FACTORS:
-            raise PlanError(f"check {name!r}: unit {unit!r} is not one of {', '.join(FACTORS)}")
+            raise PlanError(f"check {name!r}: unit {unit!r} is unknown; use one of {', '.join(FACTORS)}")
         if since is not None and any(begun >= since for begun, _ in self.held):
             self.not_available([name], "the run was held while it was measured")
             return False
@@ -357,7 +357,7 @@ class Run:
             self.not_available(checks, str(reason))
             return False
         if answer == NOT_POSSIBLE:
-            self.not_available(checks, f"{what}: {NOT_POSSIBLE}, says the operator")
+            self.not_available(checks, f"{what}: the operator answered {NOT_POSSIBLE!r}")
         return answer == DONE
 
     @contextmanager

@@ -193,8 +193,8 @@ def read_specimen(name: str | Path) -> Specimen:
         content = parse_toml(text)
     except OSError as error:
         raise SpecimenError(
-            f"specimen {name} cannot be read: {path}: {error.strerror}; there is {', '.join(packaged())}, "
-            "and any path that ends in .toml would do"
+            f"specimen {name} cannot be read: {path}: {error.strerror}; use {', '.join(packaged())}, "
+            "or a path that ends in .toml"
         ) from None
     except Unfit as error:
         raise SpecimenError(f"specimen {path} {error}") from None
@@ -211,7 +211,7 @@ def _specimen(path: Path, sha256: str, content: Mapping[str, Any]) -> Specimen:
     )
     cases = as_table("load_case", content.get("load_case", {}))
     if not cases:
-        raise EntryError(f"there is no load case: one [load_case.NAME] with {', '.join(LOAD)} is needed")
+        raise EntryError(f"there is no load case; add [load_case.NAME] with {', '.join(LOAD)}")
     specimen = Specimen(
         file,
         sha256,
@@ -350,7 +350,10 @@ def _limit(key: str, raw: Any, si: str | None) -> tuple[Band | dict[float, Band]
 def _curve(entry: FileEntry, over: str) -> dict[float, Band]:
     key, places, expected = entry.key, entry.parts[over], entry.parts["expected"]
     if not (isinstance(places, list) and isinstance(expected, list) and len(places) == len(expected)):
-        raise EntryError(f"{key} needs lists of as many values of {over} as expected ones")
+        raise EntryError(
+            f"{key}.{over} and {key}.expected are not lists of the same length; write one expected "
+            f"value for each {over}"
+        )
     at = [number(f"{key}.{over}", place) for place in places]
     if not at or at != sorted(set(at)):
         raise EntryError(f"{key}.{over} = {places} does not rise; sort it")
@@ -361,15 +364,18 @@ def _around(entry: FileEntry, expected: Any) -> Band:
     key, tolerance = entry.key, number(f"{entry.key}.tolerance", entry.parts["tolerance"])
     if not 0.0 < tolerance < 1.0:
         raise EntryError(
-            f"{key}.tolerance = {tolerance:g} is no fraction of the expected value; write 0.08 for 8 %"
+            f"{key}.tolerance = {tolerance:g} is not a fraction of the expected value; write 0.08 for 8 %"
         )
     middle = number(f"{key}.expected", expected) * entry.factor
     if middle <= 0.0:
-        raise EntryError(f"{key}.expected = {expected:g} {entry.unit} has no tolerance; use low and high")
+        raise EntryError(
+            f"{key}.expected = {expected:g} {entry.unit} is not above 0, so a relative tolerance is "
+            "not possible; use low and high"
+        )
     return within(middle, tolerance)
 
 
 def _needed(where: str, table: Mapping[str, Any], key: str) -> Any:
     if key not in table:
-        raise EntryError(f"the key {where}{key} is missing")
+        raise EntryError(f"the key {where}{key} is missing; add it")
     return table[key]

@@ -100,7 +100,7 @@ def read_track(path: Path) -> TrackRecord:
                 f"{path} has none of the columns {', '.join(WAYS)}; it has {', '.join(sheet.names)}"
             )
         if {"cant", "roll"} <= set(columns):
-            raise NoTrack(f"{path} has cant and roll, which say the same; leave one of them out")
+            raise NoTrack(f"{path} has cant and roll, which state the same; remove one of them")
         places = _column(sheet, clock, CLOCKS[clock])
         read = {name: _column(sheet, name, WAYS[name][1]) for name in columns}
     except RecordError as error:
@@ -144,9 +144,9 @@ def _column(sheet: Sheet, name: str, si: str) -> Samples:
     elif column.kind == "number":
         values = np.asarray(column.cells, np.float64)
     else:
-        raise NoTrack(f"{where} has no numbers but {column.what or column.kind}")
+        raise NoTrack(f"{where} has {column.what or column.kind} instead of numbers")
     if values.size < LEAST_ROWS:
-        raise NoTrack(f"{sheet.path} has {values.size} rows; {LEAST_ROWS} or more are a track")
+        raise NoTrack(f"{sheet.path} has {values.size} rows; a track needs {LEAST_ROWS} or more")
     lacking = np.flatnonzero(~np.isfinite(values))
     if lacking.size:
         more = f", and in {lacking.size - 1} more" if lacking.size > 1 else ""
@@ -170,7 +170,8 @@ def _refuse_steps(sheet: Sheet, clock: str, places: Samples) -> None:
         at = int(np.argmax(rises <= 0.0)) + 1
         how = "stands still at" if rises[at - 1] == 0.0 else f"falls from {places[at - 1]:.10g} to"
         raise NoTrack(
-            f"{sheet.path}: {clock} {how} {places[at]:.10g} {unit} in {sheet.at(at)}; it has to rise from row to row"
+            f"{sheet.path}: {clock} {how} {places[at]:.10g} {unit} in {sheet.at(at)}; it must rise "
+            "from row to row"
         )
     usual = float(np.median(rises))
     at = int(np.argmax(rises))

@@ -164,7 +164,7 @@ def _before_connecting(subject: Subject) -> None:
     try:
         _expect(LinkLost, "read before connect", lambda: transport.read(list(subject.readable)))
         if transport.alive() != math.inf:
-            raise Breach(f"alive() = {transport.alive():g} s before connect, not infinite")
+            raise Breach(f"alive() = {transport.alive():g} s before connect; it must be infinite")
     finally:
         transport.close()
 
@@ -185,7 +185,7 @@ def _unknown_points(subject: Subject) -> None:
 def _no_answer(subject: Subject) -> None:
     """If no rig answers, connect raises LinkLost in time and reports no loss."""
     if subject.nobody is None:
-        raise _Skipped("the subject has no `nobody`")
+        raise _Skipped("the subject does not define `nobody`")
     transport, listener = subject.nobody(), _Listener(subject.clock)
     start = subject.clock.now()
     _expect(
@@ -255,7 +255,7 @@ def _reading(subject: Subject) -> None:
 def _round_trip(subject: Subject) -> None:
     """Written values are read back."""
     if not subject.written:
-        raise _Skipped("the subject has nothing `written`")
+        raise _Skipped("the subject does not define `written`")
     with _Bench(subject) as bench:
         for value in (*subject.values, subject.values[0]):
             bench.transport.write(dict.fromkeys(subject.written, value))
@@ -272,7 +272,7 @@ def _reads(transport: Transport, name: str, value: float) -> bool:
 def _streaming(subject: Subject) -> None:
     """Streamed values arrive."""
     if not subject.streamed:
-        raise _Skipped("the subject has nothing `streamed`")
+        raise _Skipped("the subject does not define `streamed`")
     with _Bench(subject) as bench:
         for value in (*subject.values, subject.values[0]):
 
@@ -306,7 +306,7 @@ def _empty_stream(subject: Subject) -> None:
 def _atomic_write(subject: Subject) -> None:
     """If one of several points is unknown, none is sent."""
     if not subject.written:
-        raise _Skipped("the subject has nothing `written`")
+        raise _Skipped("the subject does not define `written`")
     old, new = subject.values
     with _Bench(subject) as bench:
         bench.transport.write(dict.fromkeys(subject.written, old))
@@ -326,7 +326,7 @@ def _atomic_write(subject: Subject) -> None:
 def _refusing(subject: Subject) -> None:
     """A value that the rig refuses raises Refused with a reason, and causes no loss."""
     if not subject.refused:
-        raise _Skipped("the subject has nothing `refused`")
+        raise _Skipped("the subject does not define `refused`")
     with _Bench(subject) as bench:
         for value in subject.values:
             one = {subject.refused: value}
@@ -339,12 +339,12 @@ def _refusing(subject: Subject) -> None:
 def _unavailable(subject: Subject) -> None:
     """A value that the rig marks as not available is NaN."""
     if not subject.unavailable:
-        raise _Skipped("the subject has nothing `unavailable`")
+        raise _Skipped("the subject does not define `unavailable`")
     with _Bench(subject) as bench:
         bench.wait(2 * bench.transport.period)
         value = bench.transport.read([subject.unavailable])[subject.unavailable]
     if not math.isnan(value):
-        raise Breach(f"{subject.unavailable} = {value:g}, not NaN")
+        raise Breach(f"{subject.unavailable} = {value:g}; it must be NaN")
 
 
 def _threads(subject: Subject) -> None:
@@ -395,7 +395,7 @@ def _closing(subject: Subject) -> None:
 def _losing(subject: Subject) -> None:
     """A lost connection is reported once, with a reason; reading then raises LinkLost in time."""
     if subject.cut is None:
-        raise _Skipped("the subject has no `cut`")
+        raise _Skipped("the subject does not define `cut`")
     with _Bench(subject) as bench:
         bench.wait(2 * bench.transport.period)
         subject.cut()

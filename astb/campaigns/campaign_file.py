@@ -58,7 +58,9 @@ def read_campaign(path: Path) -> dict[str, PlanCase]:
     try:
         content = read_toml(path)
     except OSError as error:
-        raise CampaignError(f"campaign file {path} cannot be read: {error.strerror}") from None
+        raise CampaignError(
+            f"campaign file {path} cannot be read: {error.strerror}; check the path"
+        ) from None
     except Unfit as error:
         raise CampaignError(f"campaign file {path} {error}") from None
     try:

@@ -101,7 +101,9 @@ def _threads(client: "Client") -> int:
     try:
         return sum(client.nthreads().values())
     except (OSError, TimeoutError, ValueError, AttributeError) as error:
-        raise ClusterError(f"the scheduler at {_address(client)} does not answer: {error}") from None
+        raise ClusterError(
+            f"the scheduler at {_address(client)} does not answer: {error}; check that it runs"
+        ) from None
 
 
 def _address(client: "Client") -> str:

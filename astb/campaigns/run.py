@@ -97,7 +97,7 @@ def _keep(kept: KeptRows, one: Finished, facts: dict[str, Any]) -> dict[str, Any
     told = {"error": one.error, "seconds": one.seconds, "worker": one.worker}
     try:
         if not isinstance(one.value, Mapping | None):
-            raise ValueError(f"a case returns a dictionary, not {type(one.value).__name__}")
+            raise ValueError(f"the case returned {type(one.value).__name__}; it must return a dictionary")
         row = {**known, **(one.value or {}), **known, **told}  # what a case returns does not rename it
         kept.add(row)
     except KeptFailed:

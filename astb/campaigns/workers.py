@@ -55,7 +55,10 @@ def cluster(scheduler: str | None = None, *, workers: int | None = None) -> Iter
         try:
             client = Client(scheduler, timeout=CONNECT, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
-            raise ClusterError(f"no scheduler answers at {scheduler} within {CONNECT:g} s: {error}") from None
+            raise ClusterError(
+                f"no scheduler answers at {scheduler} within {CONNECT:g} s ({error}); start one with "
+                "`dask scheduler`"
+            ) from None
         with client:
             yield client
         return

@@ -281,7 +281,7 @@ def copy_command(
         misuse(f"{target} exists already; choose another name or remove it")
     folder, right = kind in _FOLDERS, target.with_suffix("" if kind in _FOLDERS else ".toml")
     if folder is (target.suffix == ".toml"):
-        misuse(f"{kind} are {'folders' if folder else 'TOML files'}: use {right} instead of {target}")
+        misuse(f"{kind} are {'folders' if folder else 'TOML files'}; use {right} instead of {target}")
     if (preloads or drawing or plans) and (kind != "specimens" or not (preloads or drawing)):
         misuse("--preload and --set are only for a specimen, and --plan needs --preload or --set")
     try:

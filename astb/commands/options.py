@@ -102,8 +102,8 @@ def simulated(
         return rig
     if rig.simulation is None:
         misuse(
-            f"rig file {path} describes a real rig (no [simulation] table): --model, --effect and --sealed are for "
-            "simulated ones"
+            f"rig file {path} describes a real rig (no [simulation] table): --model, --effect and "
+            "--sealed need a simulated rig"
         )
     given = pairs(effects, "has no value; write NAME=VALUE, such as leak.left=0.2mm2", option="--effect ")
     return replace(
@@ -125,6 +125,6 @@ def pairs(texts: Iterable[str], wrong: str, *, option: str = "") -> dict[str, st
         if not equals:
             misuse(f"{option}{text} {wrong}")
         if name in found:
-            misuse(f"{option}{name} is given twice")
+            misuse(f"{option}{name} is given twice; give it once")
         found[name] = value
     return found

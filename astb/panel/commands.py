@@ -54,9 +54,9 @@ async def json_body(request: Request) -> dict[str, Any]:
     except (msgspec.MsgspecError, UnicodeError) as error:
         raise NotAllowed(f"the request is not valid JSON: {error}", 400) from None
     except RecursionError:
-        raise NotAllowed("the request is nested too deep", 400) from None
+        raise NotAllowed(f"the request is nested too deep; use at most {_DEPTH_MAX} levels", 400) from None
     if _depth(told) > _DEPTH_MAX:
-        raise NotAllowed("the request is nested too deep", 400)
+        raise NotAllowed(f"the request is nested too deep; use at most {_DEPTH_MAX} levels", 400)
     return told
 
 

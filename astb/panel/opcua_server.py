@@ -45,7 +45,10 @@ class OpcUaServer:
             self._server, self._nodes = self._loop.run(self._start(host, port), START)
         except OSError as error:
             self._loop.stop()
-            raise BenchError(f"OPC UA at {host}:{port} cannot be served: {error.strerror or error}") from None
+            raise BenchError(
+                f"OPC UA at {host}:{port} cannot be served: {error.strerror or error}; use a free port "
+                "of this machine"
+            ) from None
         self._loop.start(self._update())
         assert self._server.bserver is not None
         port = self._server.bserver._server.sockets[0].getsockname()[1]

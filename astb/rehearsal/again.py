@@ -134,8 +134,8 @@ def plan_of(record: Record) -> "Plan":
         raise RecordError(f"{record.path}: the effects of its rig are sealed, so the run cannot be repeated")
     if not meta.get("simulated") or meta.get("time") != "virtual":
         raise RecordError(
-            f"{record.path} is not of a simulated rig in virtual time and cannot be repeated, because a record does "
-            "not contain the history of rubber, gas and controls; use a run of `astb run --virtual`"
+            f"{record.path} is not a run of a simulated rig in virtual time, so it cannot be repeated; "
+            "use a run of `astb run --virtual`"
         )
     known = plans()
     if name not in known:

@@ -27,4 +27,6 @@ def require_own(folder: Path) -> None:
     status = folder.lstat()
     others = hasattr(os, "getuid") and (status.st_uid != os.getuid() or status.st_mode & 0o077)
     if not stat.S_ISDIR(status.st_mode) or others:
-        raise PermissionError(f"{folder} must be a directory that only this user can enter")
+        raise PermissionError(
+            f"{folder} is not a directory that only this user can enter; remove it, or set its mode to 700"
+        )

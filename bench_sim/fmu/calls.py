@@ -106,7 +106,7 @@ class Fmi3(_Instance):
     def do_step(self, time: float, step: float) -> None:
         _, ended, _, reached = self.fmu.doStep(time, step)
         if ended:
-            raise FmuError(f"it ended the simulation by itself at {reached:g} s")
+            raise FmuError(f"the FMU ended the simulation by itself at {reached:g} s")
 
 
 def load(fmu: Fmu, unpacked: Path, log: Callable[[str], Any]) -> Fmi2 | Fmi3:

@@ -130,12 +130,12 @@ def read_fmu(path: Path) -> Fmu:
     except OSError as error:
         raise FmuError(f"{path} cannot be read: {error.strerror}; check the path of the FMU") from None
     except Unfit as error:
-        raise FmuError(f"{path} is no readable FMU: it {error}; export the model again") from None
+        raise FmuError(f"{path} is not a readable FMU: the file {error}; export the model again") from None
     try:
         model = fmpy.read_model_description(str(path), validate=False)
         differences = _differences(path)
     except Exception as error:  # FMPy raises several types
-        raise FmuError(f"{path} is no readable FMU: {error}; export the model again") from None
+        raise FmuError(f"{path} is not a readable FMU: {error}; export the model again") from None
     major = str(model.fmiVersion).partition(".")[0]
     if major not in {"2", "3"}:
         raise FmuError(f"{path} has FMI version {model.fmiVersion}; export the model as FMI 2.0 or 3.0")

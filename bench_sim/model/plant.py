@@ -50,7 +50,9 @@ class Plant:
 
     def __init__(self, parameters: Any, *, seed: int = 0, dt: float = STEP) -> None:
         if not 0.0 < dt <= 2.5e-3:
-            raise ValueError(f"dt = {dt * 1e3:g} ms is outside 0 to 2.5 ms, where the step is stable")
+            raise ValueError(
+                f"dt = {dt * 1e3:g} ms is outside 0 to 2.5 ms, the range in which the step is stable"
+            )
         self.parameter_array = np.array([parameters], PARAMETERS).view(np.recarray)
         self.parameters: Any = self.parameter_array[0]
         self.dt = dt

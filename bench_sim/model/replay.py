@@ -267,8 +267,8 @@ class Motion(NamedTuple):
         """Return the motion with a separately measured ``acceleration`` (n,) in one direction."""
         if acceleration.shape != (len(self.displacement),) or not np.isfinite(acceleration).all():
             raise ValueError(
-                f"an acceleration has shape {acceleration.shape} and {np.isnan(acceleration).sum()} gaps (NaN); "
-                f"({len(self.displacement)},) without gaps would fit this motion"
+                f"an acceleration has shape {acceleration.shape} and {np.isnan(acceleration).sum()} "
+                f"gaps (NaN); use the shape ({len(self.displacement)},) without gaps"
             )
         time = self.interval * np.arange(len(acceleration))
         both = self.acceleration.copy(), self.jerk.copy()
@@ -334,8 +334,8 @@ def replay(
     n = len(motion.displacement)
     if inputs.shape != (n, INPUTS) or supply.shape != (n,):
         raise ValueError(
-            f"inputs {inputs.shape} and supply {supply.shape} do not fit {n} samples of motion: "
-            f"({n}, {INPUTS}) and ({n},) would"
+            f"inputs {inputs.shape} and supply {supply.shape} do not fit {n} samples of motion; use "
+            f"the shapes ({n}, {INPUTS}) and ({n},)"
         )
     record = np.array([parameters], PARAMETERS)
     since = np.zeros(1, np.intp)

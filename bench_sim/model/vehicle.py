@@ -54,7 +54,7 @@ class Vehicle:
     ) -> None:
         if np.any(parameters.pipe_length):
             raise ValueError(
-                "pipe_length is not 0: the vehicle's step of 1 ms is too long for a pipe; take it out"
+                "pipe_length is not 0, but the vehicle's step of 1 ms is too long for a pipe; set it to 0"
             )
         own = np.array([parameters], PARAMETERS).view(np.recarray)
         self.car_array = np.array([car], CAR).view(np.recarray)
@@ -126,8 +126,9 @@ class Vehicle:
         )
         if self.inputs[Input.DPV_CONNECTED] > 0.0 and difference > par.dpv_opening:
             raise ValueError(
-                f"wind = {wind / 1e3:g} kN leaves {difference / 1e5:.3g} bar between left and right: the differential"
-                f" pressure valve opens at {par.dpv_opening / 1e5:g} bar and the car leans further; use ride"
+                f"wind = {wind / 1e3:g} kN leaves {difference / 1e5:.3g} bar between left and right, "
+                f"but the differential pressure valve opens at {par.dpv_opening / 1e5:g} bar, and the "
+                "car then leans further; use ride instead of lean"
             )
         return self
 
@@ -159,7 +160,8 @@ class Vehicle:
             bellows = bellows + step
             misfit = tried
         raise ValueError(
-            f"wind = {wind / 1e3:g} kN: no equilibrium; the car body rolls over or leaves the model"
+            f"wind = {wind / 1e3:g} kN has no equilibrium: the car body rolls over or leaves the range "
+            "of the model; use less wind"
         )
 
     def _misfit(self, bellows: NDArray[np.float64], air: list[float], wind: float) -> NDArray[np.float64]:
@@ -216,7 +218,8 @@ class Vehicle:
         force = np.atleast_1d(np.ascontiguousarray(wind, dtype=np.float64))
         if force.ndim != 1 or not len(force) or not np.isfinite(force).all():
             raise ValueError(
-                f"wind has shape {force.shape} or gaps; it is one force or a series of forces in N"
+                f"wind has shape {force.shape} or gaps; use one force or a series of forces in N, "
+                "without gaps"
             )
         if len(force) > 1 and not interval > 0.0:
             raise ValueError(

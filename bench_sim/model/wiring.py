@@ -24,18 +24,19 @@ def _check(measurement: Signal | None, sensor: Sensor | None) -> None:
     wanted = measurement.name.replace(".", "_").upper() if measurement else ""
     if measurement and sensor is None:
         raise ImportError(
-            f"the measuring chain has no sensor for {measurement.name} of the table: it needs {wanted} = {len(Sensor)} "
-            "in Sensor (bench_sim/model/layout.py) and what it reads (bench_sim/model/sensors.py)"
+            f"the measuring chain has no sensor for {measurement.name} of the table; add {wanted} = "
+            f"{len(Sensor)} to Sensor (bench_sim/model/layout.py), and its reading "
+            "(bench_sim/model/sensors.py)"
         )
     if sensor is not None and not measurement:
         raise ImportError(
-            f"no signal carries what Sensor.{sensor.name} reads: it needs a row at the end of MEASUREMENTS "
+            f"no signal carries what Sensor.{sensor.name} reads; add a row at the end of MEASUREMENTS "
             "(bench_protocol/table_signals.py)"
         )
     if sensor is not None and sensor.name != wanted:
         raise ImportError(
-            f"row {sensor.value} of MEASUREMENTS needs the sensor {wanted}, and sensor {sensor.value} is "
-            f"{sensor.name}: both stand in one order; what is new comes last"
+            f"row {sensor.value} of MEASUREMENTS needs the sensor {wanted}, and sensor {sensor.value} "
+            f"is {sensor.name}; write both in the same order, with new ones at the end"
         )
 
 

@@ -113,7 +113,7 @@ def _load(name: str | Path, load_case: str | None, above: tuple[Path, ...]) -> P
         if not is_model(tables):
             return _parse(path.stem, tables, load_case)
         if path.resolve() in above:
-            raise ParameterError("this model is based on itself")
+            raise ParameterError("the model is based on itself; change based_on")
         model = read_model(tables)
         named = model.based_on if Path(model.based_on).suffix != ".toml" else path.parent / model.based_on
         return extended(_load(named, load_case, (*above, path.resolve())), model, path.stem)
@@ -159,4 +159,6 @@ def _check_order(record: Any) -> None:
                 f"pipe_length = {length:g} m is less than pipe_diameter = {diameter:g} m; 0 m means no pipe"
             )
     if np.any(np.diff(record.bump_stop_travel) <= 0.0):
-        raise ParameterError(f"bump_stop_travel = {record.bump_stop_travel} m does not increase")
+        raise ParameterError(
+            f"bump_stop_travel = {record.bump_stop_travel} m does not increase; write rising values"
+        )

@@ -81,7 +81,9 @@ def built_as(parameters: Parameters, dimensions: Mapping[str, float]) -> Paramet
     alike. Of its six load cells, four are vertical at the corners, and two are lateral, in front and behind.
     """
     if further := [cell for cell in LOAD_CELLS if cell not in _CELLS and place(cell)[0] in dimensions]:
-        raise ParameterError(f"{', '.join(further)}: the simulated bench has six load cells")
+        raise ParameterError(
+            f"{', '.join(further)}: the simulated bench has only six load cells; remove the others"
+        )
     now, changes = dimensions_of(parameters), dict[str, Any]()
     differ = {
         name: value for name, value in dimensions.items() if name in now and abs(value - now[name]) > _SAME
@@ -117,8 +119,8 @@ def _spacings(dimensions: Mapping[str, float]) -> dict[str, float]:
         if max(places) - min(places) > _SAME:
             told = ", ".join(f"{one:g} m" for one in sorted(places))
             raise ParameterError(
-                f"{parameter}: {told} from the middle; the simulated bench has both sides alike, and lasers at the "
-                "springs"
+                f"{parameter}: {told} from the middle; the simulated bench needs the same distance on "
+                "both sides, and lasers at the springs"
             )
         found[parameter] = max(places)
     return found
@@ -138,14 +140,14 @@ def _cells(dimensions: Mapping[str, float]) -> dict[str, float]:
     x, y, _ = (abs(dimensions[name]) for name in place(corner))
     found = dict(zip(_OF_CELLS, (x, y, dimensions[place(across_ahead)[2]]), strict=True))
     wrong = [
-        f"{name} = {dimensions[name]:g}, and {value:g} would be"
+        f"{name} = {dimensions[name]:g} instead of {value:g}"
         for name, value in _cells_of(*found.values()).items()
         if abs(dimensions[name] - value) > _SAME
     ]
     if wrong:
         raise ParameterError(
-            f"{'; '.join(wrong)}: the simulated bench has four load cells upright at the corners of a rectangle "
-            "and two across before and behind"
+            f"{'; '.join(wrong)}: the simulated bench has four vertical load cells at the corners of a "
+            "rectangle, and two lateral ones in front and behind"
         )
     return found
 

@@ -45,11 +45,11 @@ def find_effect(name: str) -> tuple[Effect, int | None]:
             for place in _places(one)
         ]
         raise ParameterError(
-            f"{name} is no effect; {did_you_mean(name, known, '`astb list effects` lists them')}"
+            f"{name} is not an effect; {did_you_mean(name, known, '`astb list effects` lists them')}"
         )
     if place not in _places(effect):
         right = did_you_mean(name, [f"{kind}.{one}" if one else kind for one in _places(effect)])
-        raise ParameterError(f"{name} is no effect; {right}")
+        raise ParameterError(f"{name} is not an effect; {right}")
     return effect, effect.places.index(place) if place else None
 
 
@@ -76,7 +76,7 @@ def read_effect_text(name: str, text: Any) -> dict[str, float]:
         key, equals, value = shape.partition("=")
         key = key.strip()
         if not equals or key in given:
-            raise ParameterError(f"{name} = {text!r} is not understood; write it as {_EXAMPLE}")
+            raise ParameterError(f"{name} = {text!r} cannot be read; write it like {_EXAMPLE}")
         given[key] = value.strip()
     return read_effect(name, given)
 
@@ -88,7 +88,7 @@ def parse_effect(text: str) -> tuple[str, dict[str, float]]:
     """
     name, equals, values = text.partition("=")
     if not equals:
-        raise ParameterError(f"effect {text!r} has no amplitude; write it as {_EXAMPLE}")
+        raise ParameterError(f"effect {text!r} has no amplitude; write it like {_EXAMPLE}")
     return name.strip(), read_effect_text(name.strip(), values)
 
 
@@ -113,7 +113,7 @@ def with_effects(parameters: Set, effects: Effects) -> Set:
     added = {name: _complete(name, values) for name, values in effects.items()}
     for name in added:
         if name in parameters.effects:
-            raise ParameterError(f"{name} is given already, by {parameters.name}: an effect is given once")
+            raise ParameterError(f"{name} is already in {parameters.name}; give it only once")
     return replace(parameters, effects={**parameters.effects, **added})
 
 
@@ -124,19 +124,19 @@ def apply_effects(record: Any, entries: Mapping[str, Entry], effects: Effects) -
         try:
             effect.change(record, place, values)
         except ValueError as error:  # no room left among the rubber's extra elements
-            raise ParameterError(f"{name} does not fit any more: {error}") from None
+            raise ParameterError(f"{name} cannot be added: {error}") from None
         for parameter, entry in entries.items():
             try:
                 check_range(parameter, replace(entry, value=record[parameter]))
             except ParameterError as error:
-                raise ParameterError(f"{name} is too much: {error}") from None
+                raise ParameterError(f"{name} is too large: {error}") from None
 
 
 def _complete(name: str, values: Mapping[str, float]) -> dict[str, float]:
     effect, _ = find_effect(name)
     _check_names(name, effect, values)
     if effect.amplitude.name not in values:
-        raise ParameterError(f"{name} has no {effect.amplitude.name}: its amplitude is needed")
+        raise ParameterError(f"{name} has no {effect.amplitude.name}; add this amplitude")
     complete = {one.name: float(values.get(one.name, one.nominal)) for one in effect.parameters}
     for one in effect.parameters:
         _check(name, one, complete[one.name])
@@ -153,7 +153,7 @@ def _check_names(name: str, effect: Effect, given: Mapping[str, Any]) -> None:
     known = [one.name for one in effect.parameters]
     for key in given:
         if key not in known:
-            raise ParameterError(f"{key} is no parameter of {name}; {did_you_mean(key, known)}")
+            raise ParameterError(f"{key} is not a parameter of {name}; {did_you_mean(key, known)}")
 
 
 def _places(effect: Effect) -> tuple[str, ...]:

@@ -56,7 +56,7 @@ def read_toml(
     try:
         return path, input_limits.read_toml(path)
     except OSError as error:
-        hint = f"; there is {', '.join(sets)}" if sets else ""
+        hint = f"; use {', '.join(sets)}, or a path that ends in .toml" if sets else ""
         raise ParameterError(f"no {what} {str(name)!r}: {path} cannot be read{hint}") from error
     except input_limits.Unfit as error:
         raise ParameterError(f"{path.name} {error}") from error
@@ -67,12 +67,12 @@ def read_sections(tables: Mapping[str, Any], known: Mapping[str, Quantity]) -> d
     entries: dict[str, Entry] = {}
     for section, table in tables.items():
         if not isinstance(table, dict):
-            raise ParameterError(f"{section} stands outside a section: a parameter belongs in a [section]")
+            raise ParameterError(f"{section} is outside a section; move it into a [section]")
         for key, raw in table.items():
             if key not in known:
                 raise ParameterError(unknown(key, tuple(known)))
             if key in entries:
-                raise ParameterError(f"{key} is given twice")
+                raise ParameterError(f"{key} occurs twice; keep one")
             entries[key] = read_entry(key, raw, known[key])
     for name, quantity in known.items():
         if name not in entries and quantity.default is not None:
@@ -84,7 +84,7 @@ def read_sections(tables: Mapping[str, Any], known: Mapping[str, Quantity]) -> d
 def read_load_cases(cases: Mapping[str, Any], preload: Quantity) -> dict[str, Entry]:
     """Return the preload of every load case; at least one is needed."""
     if not cases:
-        raise ParameterError(f"no load case: one [load_case.NAME] with {LOAD} is needed")
+        raise ParameterError(f"there is no load case; add [load_case.NAME] with {LOAD}")
     loads = {}
     for case, table in cases.items():
         if set(table) != {LOAD}:
@@ -137,7 +137,7 @@ def shaped(name: str, value: Any, shape: tuple[int, ...], *, shown: str = "") ->
     except (TypeError, ValueError) as error:
         raise ParameterError(f"{shown} = {value!r} is not a number or an array of numbers") from error
     if array.ndim != 0 and array.shape != shape:
-        raise ParameterError(f"{shown} has shape {array.shape}; it is one number or has shape {shape}")
+        raise ParameterError(f"{shown} has shape {array.shape}; use one number, or an array of shape {shape}")
     if name == CROSSTALK and array.ndim == 0:
         return array * (1.0 - np.eye(shape[0]))
     return np.broadcast_to(array, shape).copy()
@@ -161,12 +161,12 @@ def require(known: Mapping[str, Any], given: Mapping[str, Any], what: str) -> No
     """Raise `ParameterError` if something is missing."""
     missing = [name for name in known if name not in given]
     if missing:
-        raise ParameterError(f"{what} {', '.join(missing)} is missing")
+        raise ParameterError(f"{what} {', '.join(missing)} is missing; add it")
 
 
 def unknown(name: str, known: tuple[str, ...], what: str = "parameter") -> str:
     """Return the error message for an unknown name."""
-    return f"{name} is no {what}; {did_you_mean(name, known)}"
+    return f"{name} is not a {what}; {did_you_mean(name, known)}"
 
 
 def read_value(what: str, text: Any, si: str) -> float:

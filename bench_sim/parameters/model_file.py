@@ -86,7 +86,9 @@ def load_effects(path: Path) -> Effects:
     _, tables = read_toml(path, (), "file of effects")
     try:
         if set(tables) != {"effect"}:
-            raise ParameterError(f"it has {', '.join(tables) or 'nothing'}; [effect.NAME] tables are right")
+            raise ParameterError(
+                f"the file has {', '.join(tables) or 'nothing'}; use [effect.NAME] tables only"
+            )
         return _effects(_table(tables, "effect"))
     except ParameterError as error:
         raise ParameterError(f"{path.name}: {error}") from error
@@ -235,7 +237,7 @@ def _plain(value: Any) -> Any:
 def _table(tables: Mapping[str, Any], key: str) -> dict[str, Any]:
     table = tables.get(key, {})
     if not isinstance(table, dict):
-        raise ParameterError(f"{key} = {table!r} is not a table")
+        raise ParameterError(f"{key} = {table!r} is not a table; write its keys as [{key}]")
     return table
 
 
@@ -266,5 +268,5 @@ def _toml(value: Any) -> str:
         case list() | tuple():
             return f"[{', '.join(map(_toml, value))}]"
     raise TypeError(
-        f"a model file cannot hold {value!r}: text, finite numbers, truth values, lists and tables are right"
+        f"a model file cannot hold {value!r}; use text, finite numbers, truth values, lists and tables"
     )

@@ -28,7 +28,7 @@ class VehicleParameters:
             array[name][0] = self.entries[name].value
         travel = array["bump_stop_travel"][0]
         if np.any(np.diff(travel) <= 0.0):
-            raise ParameterError(f"bump_stop_travel = {travel} m does not increase")
+            raise ParameterError(f"bump_stop_travel = {travel} m does not increase; write rising values")
         object.__setattr__(self, "record", array.view(np.recarray)[0])
 
     def with_values(self, **changes: ArrayLike) -> "VehicleParameters":

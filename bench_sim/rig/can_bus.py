@@ -88,7 +88,7 @@ class CanBus:
         """Remove ``stage``; the frames that it kept are lost. ValueError if it is not in the chain."""
         with self._lock:
             if stage not in self._stages:
-                raise ValueError(f"{type(stage).__name__} is not on the bus: it cannot be taken off")
+                raise ValueError(f"{type(stage).__name__} is not on the bus, so it cannot be removed")
             self._stages = tuple(one for one in self._stages if one is not stage)
             idle = None if self._keeping else self._ticking
             self._ticking = None if idle else self._ticking

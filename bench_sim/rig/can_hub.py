@@ -104,7 +104,7 @@ class _CanClient(Connection):
                 case socketcand.Sent(block) if self._opened:
                     self._hub.take(block, self)
                 case socketcand.Sent() | socketcand.Received():
-                    self._refuse("frames are taken as < send … >, after < open … >")
+                    self._refuse("this hub accepts frames as < send … > only, after < open … >")
                 case socketcand.Command(word, arguments):
                     self._command(word, arguments)
                 case socketcand.Malformed(reason):
@@ -131,7 +131,7 @@ class _CanClient(Connection):
             self._raw = False
             self._write(socketcand.OK)
         else:
-            self._refuse(f"'{word}' is not served here, this hub knows open, rawmode, bcmmode, send, echo")
+            self._refuse(f"'{word}' is not supported; this hub knows open, rawmode, bcmmode, send, echo")
 
     def _refuse(self, reason: str) -> None:
         self._bad_lines += 1

@@ -60,7 +60,7 @@ class ControlSocket:
         try:
             own_directory(path.parent)
             if is_alive(path):
-                raise OSError("another rig has it")
+                raise OSError("another rig uses it")
             loop = asyncio.get_running_loop()
             self._server = await loop.create_unix_server(lambda: _ControlClient(self), str(path))
         except OSError as error:

@@ -49,9 +49,9 @@ def limits_of(rows: Sequence[Mapping[str, Any]]) -> tuple[Limit, ...]:
 def _limit(signal: str, kind: LimitKind, row: Mapping[str, Any], before: Limit | None) -> Limit:
     for key in row:
         if key not in _KEYS:
-            raise ValueError(f"{key} is no key of a limit; {did_you_mean(key, _KEYS)}")
+            raise ValueError(f"{key} is not a key of a limit; {did_you_mean(key, _KEYS)}")
     if before is None and not {"at", "action"} <= row.keys():
-        raise ValueError("it is new, and needs at and action")
+        raise ValueError("the limit is new; add the keys at and action")
     own = TABLE[signal].si
     rate = "m/s3" if own == "m/s2" else f"{own}/s"
     units = {LimitKind.RATE: rate, LimitKind.TIMEOUT: "s", LimitKind.COUNT: "1"}
@@ -70,12 +70,12 @@ def _limit(signal: str, kind: LimitKind, row: Mapping[str, Any], before: Limit |
         if key in row:
             changes[key] = _number(key, row[key], unit)
             if changes[key] < 0:
-                raise ValueError(f"{key} = {row[key]!r} must not be negative")
+                raise ValueError(f"{key} = {row[key]!r} is negative; use 0 or more")
     if "level" in row:
         changes["level"] = _number("level", row["level"], own)
     if "latch" in row:
         if not isinstance(row["latch"], bool):
-            raise ValueError(f"latch = {row['latch']!r} must be true or false")
+            raise ValueError(f"latch = {row['latch']!r} is not valid; use true or false")
         changes["latch"] = row["latch"]
     return replace(before, **changes) if before else Limit(signal, kind, **changes)
 
@@ -89,13 +89,13 @@ def _reading(name: object) -> str:
 
 def _kind(text: object) -> LimitKind:
     if text not in LIMIT_KINDS[1:]:
-        raise ValueError(f"kind = {text!r} is not one of {', '.join(LIMIT_KINDS[1:])}")
+        raise ValueError(f"kind = {text!r} is unknown; use one of {', '.join(LIMIT_KINDS[1:])}")
     return LimitKind(LIMIT_KINDS.index(str(text)))
 
 
 def _action(text: object) -> LimitAction:
     if text not in ACTIONS:
-        raise ValueError(f"action = {text!r} is not one of {', '.join(ACTIONS)}")
+        raise ValueError(f"action = {text!r} is unknown; use one of {', '.join(ACTIONS)}")
     return LimitAction(ACTIONS.index(str(text)))
 
 
@@ -111,7 +111,7 @@ def _number(key: str, text: object, si: str) -> float:
         value = float("nan")
     if not isfinite(value) or unit not in fitting:
         example = "a number" if si == "1" else f'a number with its unit, such as "5 {fitting[0]}"'
-        raise ValueError(f"{key} = {text!r} must be {example}")
+        raise ValueError(f"{key} = {text!r} is not valid; use {example}")
     return value * FACTORS[unit]
 
 

@@ -153,7 +153,9 @@ def detectors(table: Table, limits: tuple[Limit, ...]) -> npt.NDArray[np.void]:
     for row, limit in zip(rows, limits, strict=True):
         target, mode = _aim(limit.signal)
         if target < 0 and (limit.kind is LimitKind.ERROR or limit.within):
-            raise ValueError(f"a limit of {limit.signal}: this reading follows no set-point")
+            raise ValueError(
+                f"a limit of {limit.signal}: this reading has no set-point; use another kind of limit, without within"
+            )
         row["signal"], row["kind"] = table.index[limit.signal], limit.kind
         row["sense"] = -1.0 if limit.kind is LimitKind.LOWER else 1.0
         row["at"], row["hysteresis"], row["latch"] = limit.at * row["sense"], limit.hysteresis, limit.latch

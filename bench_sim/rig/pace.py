@@ -110,14 +110,14 @@ class Pace(Stage):
         low, high = BIT_RATES
         if not low <= bit_rate <= high:
             raise ValueError(
-                f"bit_rate = {bit_rate:g} bit/s is not one of classic CAN: {low:,} to {high:,} are right"
+                f"bit_rate = {bit_rate:g} bit/s is not possible for classic CAN; use {low:,} to {high:,}"
             )
         if not 0 <= error_rate < 1:
             raise ValueError(
-                f"error_rate = {error_rate:g} is not a fraction of the frames: 0 to less than 1 is right"
+                f"error_rate = {error_rate:g} is not a fraction of the frames; use 0 or more, and less than 1"
             )
         if not restart >= 0:
-            raise ValueError(f"restart = {restart:g} s lies in the past: 0 s or more is right")
+            raise ValueError(f"restart = {restart:g} s is negative; use 0 s or more")
         self._bit = NS / bit_rate
         self._exact, self._error_rate = stuffing == "exact", error_rate
         self._restart, self._chance = round(restart * NS), random.Random(seed)

@@ -156,8 +156,8 @@ def _require_loopback(host: str) -> None:
         if host == "localhost" or ipaddress.ip_address(host).is_loopback:
             return
     raise ValueError(
-        f"host = {host} would open the bench to the network, without any password; "
-        "use 127.0.0.1 or allow it explicitly"
+        f"host = {host} would open the bench to the network without a password; use 127.0.0.1, or "
+        "allow it explicitly"
     )
 
 

@@ -42,7 +42,8 @@ class SocketCan:
             self._socket.bind((interface,))
         except OSError as error:
             reason = (
-                f"CAN interface {interface} cannot be opened: {error.strerror}; `ip link` lists what there is"
+                f"CAN interface {interface} cannot be opened: {error.strerror}; `ip link` lists the "
+                "interfaces"
             )
             raise OSError(error.errno, reason) from None
         with contextlib.suppress(OSError):

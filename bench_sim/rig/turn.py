@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from bench_sim.rig.rig import Rig
 
 #: Parameters that cannot change while the state stays, with the reason.
-_GAS: Final = "what is in the springs has the mass and the energy of the gas that they were filled with"
-_BUILT: Final = "bolster and springs stand where they were built, and would be torn to another place at once"
+_GAS: Final = "the gas in the springs keeps its mass and its energy"
+_BUILT: Final = "the geometry of the rig cannot change during a run"
 _REFUSED: Final = {
     "gas_constant": _GAS,
     "heat_capacity_ratio": _GAS,
-    "wall_heat_capacity": "the walls are as warm as they are: heat would come from nowhere",
-    "nominal_preload": "the plan itself changes it, with plates and shims",
+    "wall_heat_capacity": "the stored heat of the walls would change without a heat flow",
+    "nominal_preload": "the plan itself changes the preload, with plates and shims",
     **dict.fromkeys(
         (
             "spring_half_spacing",
@@ -34,9 +34,9 @@ _REFUSED: Final = {
         _BUILT,
     ),
     **dict.fromkeys(
-        ("sensor_low", "sensor_high"), "the rig keeps the range that a transducer was built with"
+        ("sensor_low", "sensor_high"), "the range of a transducer is fixed when the rig is built"
     ),
-    "sensor_accuracy": "it only draws the bias of a transducer when the rig is built",
+    "sensor_accuracy": "the parameter is used only when the rig is built, to draw the bias of a transducer",
 }
 #: Parameters that change the gas volume.
 VOLUMES: Final = frozenset(
@@ -59,7 +59,7 @@ def differing(before: Any, after: Any) -> list[str]:
     for name in names:
         if name in _REFUSED:
             raise ParameterError(
-                f"{name} cannot change while the rig runs: {_REFUSED[name]}; give it from the start, in "
+                f"{name} cannot change while the rig runs: {_REFUSED[name]}; set it from the start, in "
                 "[simulation.change] of a rig file"
             )
     return names

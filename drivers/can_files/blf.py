@@ -60,10 +60,14 @@ class _Reader(blf.BLFReader):
                     break
                 signature, _, _, length, kind = _HEAD.unpack(head)
                 if signature != b"LOBJ":
-                    raise CanLogError(f"{self.path}: the data after its last object are damaged")
+                    raise CanLogError(
+                        f"{self.path}: the data after the last readable object are damaged; the "
+                        "program that wrote it may repair it"
+                    )
                 if length > _OBJECT_BYTES:
                     raise CanLogError(
-                        f"{self.path} is damaged: an object of {size(length)}; at most {size(_OBJECT_BYTES)} are read"
+                        f"{self.path} is damaged: one object has {size(length)}, more than "
+                        f"{size(_OBJECT_BYTES)}; the program that wrote it may repair it"
                     )
                 content = self.file.read(length - _HEAD.size)
                 self.file.read(length % 4)
@@ -141,7 +145,8 @@ def read_blf(path: Path, account: Account) -> Frames:
             begins = b""
     if begins != _LOGG:
         raise CanLogError(
-            f"{path} is not a BLF file, although its name ends so: it does not begin with {_LOGG.decode()}"
+            f"{path} is not a BLF file: it does not begin with {_LOGG.decode()}; give it the ending of "
+            "its format"
         )
     try:
         with _Reader(path, account) as reader:

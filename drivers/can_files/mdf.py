@@ -24,7 +24,10 @@ def read_mdf_frames(path: Path, account: Account) -> Frames:
     """Return the data frames of an MDF 4 file with raw bus logging. CanLogError for one without, or without asammdf."""
     with opened(path) as file:
         if file.read(len(_MDF)) != _MDF:  # python-can's reader would not close it
-            raise CanLogError(f"{path} is not an MDF file: it does not begin with {_MDF.decode()}")
+            raise CanLogError(
+                f"{path} is not an MDF file: it does not begin with {_MDF.decode()}; give it the "
+                "ending of its format"
+            )
     try:
         import asammdf  # noqa: F401  python-can's reader needs it, and its own error for it has another text
         from can.io.mf4 import MF4Reader
@@ -34,7 +37,9 @@ def read_mdf_frames(path: Path, account: Account) -> Frames:
     with no_destructor_errors():
         made = _made(MF4Reader, path)
     if made is None:
-        raise CanLogError(f"{path} is a damaged MDF file, or has an unsupported format")
+        raise CanLogError(
+            f"{path} cannot be read: the MDF file is damaged, or its format is unsupported; export it again"
+        )
     try:
         with made as reader:
             check_mdf(path, reader._mdf.groups)
@@ -54,7 +59,8 @@ def read_mdf_frames(path: Path, account: Account) -> Frames:
         raise CanLogError(f"{path} {error}") from None
     except Exception:  # asammdf raises its own exception and others
         raise CanLogError(
-            f"{path} is a damaged MDF file, or has an unsupported format, after frame {len(frames)}"
+            f"{path} cannot be read after frame {len(frames)}: the MDF file is damaged, or its format "
+            "is unsupported; export it again"
         ) from None
     return frames
 
@@ -75,9 +81,15 @@ def _check_groups(path: Path, mdf: Any, account: Account) -> None:
         if not names & set(_FRAMES):
             account.leave_out("group(s) without CAN frames", at=f"group {number}")
         elif not group.channel_group.flags & _BUS_EVENTS or not _is_can(group.channel_group.acq_source):
-            raise CanLogError(f"{path}: group {number} has frames, but its source is not marked as a CAN bus")
+            raise CanLogError(
+                f"{path}: group {number} has frames, but its source is not marked as a CAN bus; export "
+                "it with the bus type CAN"
+            )
         elif _DATA in names and _EXTENDED not in names:
-            raise CanLogError(f"{path}: group {number} does not mark identifiers of 29 bits ({_EXTENDED})")
+            raise CanLogError(
+                f"{path}: group {number} does not state which identifiers have 29 bits; export it with "
+                f"the channel {_EXTENDED}"
+            )
 
 
 def _is_can(source: Any) -> bool:

@@ -148,7 +148,8 @@ def _put_in_order(path: Path, frames: Frames, times: np.ndarray, account: Accoun
     if len(falls):
         place = int(order[falls[0] + 1])
         raise CanLogError(
-            f"{path}: in {frames.unit} {frames.places[place]} the clock goes back between two frames of one identifier"
+            f"{path}: in {frames.unit} {frames.places[place]} the clock goes back between two frames "
+            "of one identifier; split the file there, and read each part alone"
         )
     steps = np.diff(times)
     count, late = int((steps < 0).sum()), -int(steps.min()) / 1e6

@@ -102,15 +102,16 @@ def lines_of(path: Path, account: Account) -> Iterator[Line]:
                 raise CanLogError(f"{path} {error}") from None
             except (OSError, zlib.error) as error:
                 raise CanLogError(
-                    f"{path} cannot be unpacked behind line {number}: {type(error).__name__}"
+                    f"{path} cannot be unpacked after line {number} ({type(error).__name__}); the file "
+                    "is damaged or incomplete, so copy it again"
                 ) from None
             if not line:
                 return
             number, taken = number + 1, taken + len(line)
             if len(line) > LINE_BYTES or taken > SAMPLES_BYTES:
-                limit = LINE_BYTES if len(line) > LINE_BYTES else SAMPLES_BYTES
+                one, limit = ("line", LINE_BYTES) if len(line) > LINE_BYTES else ("file", SAMPLES_BYTES)
                 raise CanLogError(
-                    f"{path}: line {number} goes beyond the {size(limit)} that are read at most"
+                    f"{path}: line {number} exceeds the limit of {size(limit)} for one {one}; split the {one}"
                 )
             bare = line.rstrip("\n").strip("\0")
             if bare.strip():
@@ -123,7 +124,10 @@ def _peeked(path: Path, file: BinaryIO) -> bytes:
     try:
         return file.read(4)
     except (EOFError, OSError, zlib.error):
-        raise CanLogError(f"{path} cannot be unpacked: it does not begin like a gzip file") from None
+        raise CanLogError(
+            f"{path} cannot be unpacked: it does not begin like a gzip file; remove the ending .gz if "
+            "it is not compressed"
+        ) from None
 
 
 def nanoseconds(text: str) -> int | None:

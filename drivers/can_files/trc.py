@@ -65,17 +65,25 @@ def _head(log: _Log, line: Line, key: str, value: str) -> None:
         try:
             log.start = round((float(value) - _EPOCH) * _DAY)
         except (ValueError, OverflowError):
-            raise CanLogError(f"{log.path}: {line.shown} is not a date as a number of days") from None
+            raise CanLogError(
+                f"{log.path}: the start time in {line.shown} is not a number of days; write it like 43474.5"
+            ) from None
         if not 0 <= log.start < 10**19 // 2:
             log.start = 0
             log.account.take(f"STARTTIME = {value} is not a date, and is not used")
     elif key == "COLUMNS":
         letters = value.split(",")
         if unknown := [one for one in letters if one not in _LETTERS]:
-            raise CanLogError(f"{log.path}: column {unknown[0]!r} in {line.shown} is unknown")
+            raise CanLogError(
+                f"{log.path}: column {unknown[0]!r} in {line.shown} is unknown; use only "
+                f"{', '.join(sorted(_LETTERS))}"
+            )
         lacking = [one for one in "OTI" if one not in letters]
         if lacking or not {"L", "l"} & set(letters):
-            raise CanLogError(f"{log.path}: no column {', '.join(lacking) or 'L or l'} in {line.shown}")
+            raise CanLogError(
+                f"{log.path}: {line.shown} lacks the column {', '.join(lacking) or 'L or l'}; export "
+                "the log again with it"
+            )
         log.columns = "".join(letters)
 
 
@@ -83,7 +91,8 @@ def _frame(log: _Log, line: Line) -> None:
     if not log.columns:
         if log.version:
             raise CanLogError(
-                f"{log.path}: version {log.version} needs a line ;$COLUMNS before the first frame"
+                f"{log.path}: there is no line ;$COLUMNS before the first frame; add it, because "
+                f"version {log.version} needs it"
             )
         log.columns = _COLUMNS["1.0"]
     words = line.text.split()

@@ -179,7 +179,7 @@ def _line(where: str, signal: Signal, unit: str, sign: int, calibration: Calibra
     else:
         added = offset * after.factor
     if not math.isfinite(added):
-        raise WiringError(f"{where}.calibration.offset = {offset!r} is not a finite number")
+        raise WiringError(f"{where}.calibration.offset = {offset!r} is not finite; use a finite number")
     return Linear(sign * gain * after.factor, sign * (added + after.zero))
 
 

@@ -225,8 +225,9 @@ class DescribedWiring(Outlet):
         for point, found in self._points.await_values(list(wanted), clock, deadline).items():
             if found != wanted[point]:
                 raise MapMismatch(
-                    f"this is not the rig that the wiring of {self.rig} describes: {point} reads {found:g}, but "
-                    f"identity in {self._description.where.name} states {wanted[point]:g}"
+                    f"this is not the rig that the wiring of {self.rig} describes: {point} reads "
+                    f"{found:g}, but identity in {self._description.where.name} states "
+                    f"{wanted[point]:g}; connect to the right rig, or correct identity"
                 )
 
     # -- receiving -----------------------------------------------------------------------------------------------
@@ -238,8 +239,8 @@ class DescribedWiring(Outlet):
                 samples = self._sources.samples(prefix, time, points)
             except Exception as error:  # the receiving thread must survive errors of a user's function
                 self._failure = self._failure or Misuse(
-                    f"readings of {self.rig} could not be converted to signals by the functions of "
-                    f"{self._description.functions}: {error!r}"
+                    f"the functions of {self._description.functions} could not convert the readings of "
+                    f"{self.rig} to signals: {error!r}; correct the functions"
                 )
                 return
             state = samples.get(self.table.index["rig.state"], math.nan)
@@ -411,7 +412,9 @@ class DescribedWiring(Outlet):
             controls = [name for name in values if name.endswith(".control")]
             for name, mode in self.read(controls).items():
                 if mode != values[name]:
-                    raise Refused(f"{name} must not change while a program runs", DEVICE_FAILURE)
+                    raise Refused(
+                        f"{name} cannot change while a program runs; stop the program first", DEVICE_FAILURE
+                    )
 
     # -- points --------------------------------------------------------------------------------------------------
 

@@ -259,7 +259,7 @@ class _Reader:
         if entry.value:
             if not isinstance(entry.value, str):
                 raise WiringError(
-                    f"{where}.value = {entry.value!r} is not an expression of the points in from"
+                    f"{where}.value = {entry.value!r} is not a text; write an expression in quotes"
                 )
             names = [point.rpartition(".")[2] for point in points]
             if len(set(names)) < len(names):

@@ -114,7 +114,10 @@ class NullTransport:
         return False
 
     def silent(self) -> NoReturn:
-        raise NotAvailable(f"{self._rig} is not known to notice that its commander is silent")
+        raise NotAvailable(
+            f"the wiring of {self._rig} does not state that the rig detects a silent commander "
+            "(capability watchdog)"
+        )
 
     def read_file(self, file: int, record: int, count: int) -> NoReturn:
         raise NotAvailable(f"{self._rig}: its wiring has no access to files of the rig")

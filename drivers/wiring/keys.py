@@ -99,7 +99,9 @@ def convert(where: str, table: object, kind: type[T]) -> T:
         name = ".".join(keys)
         words = _words(fields.get(name))
         if words and isinstance(value, str):
-            raise WiringError(f"{where}: {name} = {value!r}: {did_you_mean(value, words)}") from None
+            raise WiringError(
+                f"{where}: {name} = {value!r} is unknown; {did_you_mean(value, words)}"
+            ) from None
         raise WiringError(f"{where}: {misfit(error, table, kind)}") from None
 
 

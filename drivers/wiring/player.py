@@ -126,11 +126,11 @@ class Player:
         """Keep the wave that is set: the next :meth:`run` starts all that were kept. Refused as that is."""
         with self._lock:
             if not active:
-                raise _refused("add", "the bench is not ACTIVE")
+                raise _refused("add", "the bench is not ACTIVE; arm it first")
             if self.busy:
-                raise _refused("add", "a program runs or is held")
+                raise _refused("add", "a program runs or is held; stop it first")
             if len(self._kept) == WAVES_AT_ONCE:
-                raise _refused("add", f"a program has at most {WAVES_AT_ONCE} waves")
+                raise _refused("add", f"the program has {WAVES_AT_ONCE} waves already, and cannot have more")
             kept = [*self._kept, dict(self._settings)]
             self._possible(kept, modes, setpoints, "add")
             self._kept = kept
@@ -143,9 +143,9 @@ class Player:
         """
         with self._lock:
             if not active:
-                raise _refused("run", "the bench is not ACTIVE")
+                raise _refused("run", "the bench is not ACTIVE; arm it first")
             if self._program is Program.RUN:
-                raise _refused("run", "a program runs already")
+                raise _refused("run", "a program runs already; stop it first")
             if self._program is Program.HOLD:
                 self._program, self._time = Program.RUN, None
                 return
@@ -247,7 +247,9 @@ class Player:
             )
         mode = CONTROL_MODES[round(number)]
         if mode == "off":
-            raise _refused(verb, f"{axis} cannot make this motion: {control} is {mode}")
+            raise _refused(
+                verb, f"{axis} cannot make this motion: {control} is {mode}; set it to displacement or force"
+            )
         kind = "roll_amplitude" if axis.endswith("roll") else "amplitude"
         height = settings[f"generator.{'force_amplitude' if mode == 'force' else kind}"]
         if axis == "roll" and mode == "displacement":
@@ -269,8 +271,8 @@ class Player:
             if wave.frequency * POINTS_MIN > COMMAND_RATE:
                 raise _refused(
                     verb,
-                    f"{wave.frequency:g} Hz is too fast for {COMMAND_RATE:g} set-points a second; "
-                    f"{COMMAND_RATE / POINTS_MIN:g} Hz is the highest frequency",
+                    f"{wave.frequency:g} Hz is too fast for {COMMAND_RATE:g} set-points a second; use "
+                    f"{COMMAND_RATE / POINTS_MIN:g} Hz or less",
                 )
             for row, height in wave.heights.items():
                 peak = STEEPEST[wave.form] * abs(height) * wave.frequency
@@ -283,8 +285,8 @@ class Player:
             if peak > limits[unit]:
                 raise _refused(
                     verb,
-                    f"{signal.name} would reach {peak:.3g} {unit}/s in {what}, and the wiring's [player] "
-                    f"allows {limits[unit]:.3g} {unit}/s",
+                    f"{signal.name} would reach {peak:.3g} {unit}/s in {what}, but [player] of the "
+                    f"wiring allows {limits[unit]:.3g} {unit}/s; use a smaller amplitude or frequency",
                 )
 
     def _refuse_far(self, waves: Sequence[_Wave], setpoints: Floats, verb: str) -> None:
@@ -300,7 +302,8 @@ class Player:
                 raise _refused(
                     verb,
                     f"{signal.name} would go from {signal.show(base - way)} to "
-                    f"{signal.show(base + way)}; its range is {signal.range_text()}",
+                    f"{signal.show(base + way)}, beyond its range {signal.range_text()}; use a smaller "
+                    "amplitude",
                 )
 
 

@@ -157,7 +157,7 @@ class SequenceReader:
             return plain_number(f"{where}.{name}", given)
         signal = self._table[name]
         if signal.kind in READ:
-            raise WiringError(f"{where}: {name} is a {signal.kind} and cannot be ordered")
+            raise WiringError(f"{where}: {name} is a {signal.kind} and cannot be ordered; remove it")
         if name in self._absent:
-            raise WiringError(f"{where}: the rig has no {name}: {self._absent[name]}")
+            raise WiringError(f"{where}: the rig has no {name} ({self._absent[name]}); remove it")
         return si_value(f"{where}.{name}", signal, given)

@@ -65,13 +65,15 @@ class PointSettings:
         if setting.fixed is not None:
             if abs(value - setting.fixed) > 0.5 * signal.step:
                 raise NotAvailable(
-                    f"{self._rig} has no {name} = {signal.show(value)}: it is always {signal.show(setting.fixed)}"
+                    f"{self._rig} cannot set {name} = {signal.show(value)}: it is always "
+                    f"{signal.show(setting.fixed)}"
                 )
             return None
         number = setting.conversion.number(value)
         if math.isnan(number):
             raise NotAvailable(
-                f"{self._rig} has no {name} = {signal.show(value)}: its wiring has no number for this choice"
+                f"{self._rig} cannot set {name} = {signal.show(value)}: its wiring has no number for "
+                "this choice; add it to choices"
             )
         return number
 
@@ -102,8 +104,8 @@ class PointSettings:
                     else signal.show(found)
                 )
                 raise Refused(
-                    f"{self._rig} never acknowledged {name} = {signal.show(value)}: {setting.read} still reads "
-                    f"{says} after {setting.within:g} s",
+                    f"{self._rig} did not acknowledge {name} = {signal.show(value)}: {setting.read} "
+                    f"still reads {says} after {setting.within:g} s",
                     DEVICE_FAILURE,
                 )
             clock.sleep_until(min(deadline, clock.now() + LOOK))

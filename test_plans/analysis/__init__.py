@@ -71,13 +71,16 @@ def first_harmonic(times: Samples, values: Samples, frequency: float) -> complex
     ``values`` have the shape (n,). Raises NotMeasured for gaps (NaN), or if there is less than one whole cycle.
     """
     if times.shape != values.shape or times.ndim != 1:
-        raise NotMeasured(f"{times.shape} times and {values.shape} values do not belong together")
+        raise NotMeasured(
+            f"times of shape {times.shape} and values of shape {values.shape} do not fit; give one "
+            "value for each time"
+        )
     if times.size < SAMPLES_PER_CYCLE_MIN:
         raise NotMeasured(f"{times.size} samples are too few for a first harmonic")
     period = (times[-1] - times[0]) / (times.size - 1)
     cycles = (times[-1] - times[0] + period) * frequency
     if cycles < 1 - 1e-6 or times.size < SAMPLES_PER_CYCLE_MIN * cycles * (1 - 1e-6):
-        raise NotMeasured(f"{times.size} samples over {cycles:.3g} cycles do not make a first harmonic")
+        raise NotMeasured(f"{times.size} samples over {cycles:.3g} cycles are too few for a first harmonic")
     if not np.isfinite(values).all():
         raise NotMeasured(f"{np.count_nonzero(~np.isfinite(values))} of {values.size} samples are missing")
     cosine, sine = _harmonic_rows(np.asarray(times, float).tobytes(), frequency) @ values
@@ -94,7 +97,7 @@ def distortion(times: Samples, motion: Samples, frequency: float, wave: Wave = "
     """
     amplitude = first_harmonic(times, motion, frequency)
     if abs(amplitude) == 0.0:
-        raise NotMeasured(f"nothing moved: a {wave} was to be measured")
+        raise NotMeasured(f"nothing moved, so there is no {wave} to measure")
     phase = tau * frequency * times + np.angle(amplitude)
     found, rest = _fit(times, motion, phase, wave)
     for _ in range(_STEPS):  # over one cycle, the harmonics of a triangle look like a drift too
@@ -143,7 +146,9 @@ def one_cycle(
     """
     orders = np.arange(1, harmonics + 1)
     if times.size < 2 * (2 * harmonics + 2) or not np.isfinite(values).all():
-        raise NotMeasured(f"{np.isfinite(values).sum()} samples do not make a cycle of {harmonics} harmonics")
+        raise NotMeasured(
+            f"{np.isfinite(values).sum()} samples are too few for a cycle of {harmonics} harmonics"
+        )
     angles = tau * frequency * np.outer(times, orders)
     drift = (times - times.mean())[:, None]
     columns = np.hstack([np.ones_like(drift), np.cos(angles), np.sin(angles), drift])
@@ -165,7 +170,7 @@ def straight_line(times: Samples, values: Samples) -> tuple[float, float]:
     if not good.all():
         times, values = times[good], values[good]
     if values.size < 2:
-        raise NotMeasured(f"{values.size} samples do not make a line")
+        raise NotMeasured(f"{values.size} samples are too few for a line")
     middle, squares = _about_the_mean(np.asarray(times, float).tobytes())
     level = values.mean()
     return float(level), float(np.sum(middle * (values - level)) / squares)
@@ -196,7 +201,7 @@ def dynamic_stiffness(
         for read, lag in zip((motion, force), lags, strict=True)
     )
     if abs(X) == 0.0:
-        raise NotMeasured("nothing moved: a stiffness needs a motion")
+        raise NotMeasured("nothing moved, so the stiffness cannot be measured")
     return Stiffness(F / X, frequency, abs(X))
 
 
@@ -207,7 +212,9 @@ def without_drift(motion: Samples, force: Samples) -> Samples:
     """
     edge = TURNING * (motion.max() - motion.min())
     if abs(motion[-1] - motion[0]) > edge:
-        raise NotMeasured(f"the loop begins at {motion[0]:.3g} m and ends at {motion[-1]:.3g} m")
+        raise NotMeasured(
+            f"the loop is not closed: it begins at {motion[0]:.3g} m and ends at {motion[-1]:.3g} m"
+        )
     ends = max(1, force.size // 50)
     # The means over both ends stand a little apart in motion too: that part of their difference is the spring's own.
     apart = motion[-ends:].mean() - motion[:ends].mean()
@@ -222,7 +229,7 @@ def secant_stiffness(motion: Samples, force: Samples) -> float:
         raise NotMeasured("samples of the slow loop are missing")
     low, high = float(motion.min()), float(motion.max())
     if not high > low:
-        raise NotMeasured("nothing moved: a stiffness needs a motion")
+        raise NotMeasured("nothing moved, so the stiffness cannot be measured")
     edge = TURNING * (high - low)
     top, bottom = motion >= high - edge, motion <= low + edge
     travel = motion[top].mean() - motion[bottom].mean()
@@ -253,14 +260,16 @@ def whole_cycles(
     """
     begun = np.flatnonzero(running & (cycle >= first))
     if begun.size == 0:
-        raise NotMeasured(f"the generator never completed {first} cycles, after which was to be measured")
+        raise NotMeasured(f"the generator did not complete the {first} cycles before the measurement")
     start, end = times[begun[0]], times[begun[0]] + count / frequency
     inside = (times >= start - 1e-9) & (times < end - 1e-9)
     if (
         np.count_nonzero(inside) < SAMPLES_PER_CYCLE_MIN * count
         or times[-1] < end - 2 / frequency / SAMPLES_PER_CYCLE_MIN
     ):
-        raise NotMeasured(f"the samples end at {times[-1]:.3f} s, before {count} whole cycles at {end:.3f} s")
+        raise NotMeasured(
+            f"the samples end at {times[-1]:.3f} s, but {count} whole cycles end at {end:.3f} s"
+        )
     return np.asarray(inside, np.bool_)
 
 

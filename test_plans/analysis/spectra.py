@@ -68,10 +68,15 @@ def spectra(
     from scipy.signal import detrend, get_window
 
     if x.shape != y.shape or not (np.isfinite(x).all() and np.isfinite(y).all()):
-        raise NotMeasured(f"{np.isfinite(x).sum()} and {np.isfinite(y).sum()} samples make no spectra")
+        raise NotMeasured(
+            f"{np.isfinite(x).sum()} and {np.isfinite(y).sum()} samples have gaps or do not match, so "
+            "there are no spectra"
+        )
     length = round(segment * rate)
     if x.size < 2 * length:
-        raise NotMeasured(f"{x.size / rate:.3g} s are less than two segments of {segment:g} s")
+        raise NotMeasured(
+            f"the samples last {x.size / rate:.3g} s, but two segments of {segment:g} s are needed"
+        )
     window = get_window("hann", length)
     # All segments at once: scipy's own csd goes segment by segment, which takes fifteen times as long.
     X, Y = (

@@ -249,7 +249,7 @@ def measuring_chain(
     if dummy == "blocks" and not all(abs(one) < AT_BLOCKS for one in high):
         places = " and ".join(f"{one / mm:.1f} mm" for one in high)
         raise RigFault(
-            f"the blocks are not inserted instead of the springs: the bolster rests at {places}, blocks reach 0 mm"
+            f"the bolster rests at {places} instead of 0 mm on the blocks; insert them in place of the springs"
         )
     if mass > 0.0:
         _weigh(run, mass)

@@ -108,8 +108,8 @@ def excitation(
     if (lasts := float(record.times(speed)[-1])) < times[-1]:
         under = "" if record.timed else f" at {speed / KMH:.4g} km/h"
         raise NoTrack(
-            f"{record.name} lasts {lasts:.4g} s{under}; with {2 * RISE:g} s to come and go, "
-            f"{lasts - 2 * RISE:.4g} s is the longest duration"
+            f"{record.name} lasts {lasts:.4g} s{under}, of which {2 * RISE:g} s are needed to begin "
+            f"and end; use a duration of at most {lasts - 2 * RISE:.4g} s"
         )
     moves = {name: share * way for name, way in record.at(times, speed).items()}
     if wind:

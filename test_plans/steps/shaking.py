@@ -126,12 +126,14 @@ def _undisturbed(
         disturbed.append((part, (times, values)))
         if left:
             run.say(
-                f"{part:.1%} of the motion were no {wave} of {frequency:g} Hz: it was disturbed and is repeated"
+                f"{part:.1%} of the motion are not the {wave} of {frequency:g} Hz, so the disturbed "
+                "motion is repeated"
             )
     least, best = min(disturbed, key=itemgetter(0))
     run.warn(
-        f"{axis} {wave} of {frequency:g} Hz: none of {TRIES} was a {wave}; of the best, which is judged, {least:.1%} "
-        "are something else: the actuator does not follow, or set-points come late"
+        f"{axis} {wave} of {frequency:g} Hz: no clean {wave} in {TRIES} tries; in the best one, which "
+        f"is judged, {least:.1%} of the motion is something else. The actuator does not follow, or "
+        "set-points come late"
     )
     return best
 

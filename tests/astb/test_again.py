@@ -88,11 +88,11 @@ def test_what_the_run_had_itself_is_read_from_its_record(tmp_path):
         (["--from", "{kept}@40s", "aw0"], "name either"),
         (["--fault", "leak side=left"], "name either"),
         ([], "name either"),
-        (["--from", "{kept}@40s", "--fault", "leek"], "leek is no fault"),
+        (["--from", "{kept}@40s", "--fault", "leek"], "leek is not a fault"),
         (["--from", "{kept}@40s", "--model", "{kept}/none.toml"], "none.toml"),
         (
             ["--from", "{kept}@40s", "--effect", "leek.left=1mm2"],
-            "leek.left is no effect; did you mean 'leak.left'",
+            "leek.left is not an effect; did you mean 'leak.left'",
         ),
         (["--from", "{kept}@40s", "--effect", "leak.left"], "NAME=VALUE, such as leak.left=0.2mm2"),
         (["--from", "{kept}@40s", "--effect", "leak.left=1m2"], "leak.left: area = 1e+06 mm2 is outside"),
@@ -103,7 +103,7 @@ def test_what_the_run_had_itself_is_read_from_its_record(tmp_path):
         ),
         (
             ["--from", "{kept}@40s", "--change", "gas_constant=300J/(kg*K)"],
-            "the mass and the energy of the gas",
+            "the gas in the springs keeps its mass",
         ),
         (["--from", "{kept}@40s", "--change", "gas_constant"], "NAME=VALUE, such as orifice_diameter=12mm"),
         (["aw0", "--change", "orifice_diameter=12mm"], "name either"),

@@ -53,7 +53,10 @@ def test_a_sound_spring_under_another_preload_passes(tmp_path: Path) -> None:
     [
         (["astb"], "TARGET"),
         (["astb", "mine.toml", "--plan", "aw0"], "--plan needs"),
-        (["astb", "mine.toml", "--preload", "AW0=45 bar"], "--preload AW0 = '45 bar' is not in N"),
+        (
+            ["astb", "mine.toml", "--preload", "AW0=45 bar"],
+            "--preload AW0 = '45 bar' has a missing or wrong unit; use N",
+        ),
         (["astb", "mine.toml", "--preload", "AW7=45 kN"], "no load case AW7"),
         (["astb", "mine.toml", "--set", "volume=3 litre"], "--set volume is not a property of a drawing"),
         (["astb", "mine.toml", "--set", "effective_area=-1 m2"], "more than 0"),

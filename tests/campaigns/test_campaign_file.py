@@ -127,7 +127,10 @@ def test_an_interrupted_campaign_prints_the_command_that_continues_it(tmp_path, 
         ('plans = ["leak_down"]\nspecimen = "x"', "specimen is not a key here; did you mean 'specimens'"),
         ('plans = ["leak_down"]\nseeds = 0', "seeds = 0; use a whole number >= 1"),
         ('plans = ["leak_down"]\n[values]\nload = "AW9"', "leak_down has no parameter load"),
-        ('plans = ["axial_stiffness"]\n[values]\nload = "AW9"', "load = 'AW9' is none of AW0, AW3"),
+        (
+            'plans = ["axial_stiffness"]\n[values]\nload = "AW9"',
+            "load = 'AW9' is unknown; use one of AW0, AW3",
+        ),
         (
             'plans = ["leak_down"]\n[values.aw0]\nx = 1',
             "values.aw0 is for a plan that is not in plans",

@@ -215,7 +215,9 @@ def test_a_function_of_the_users_own_that_fails_ends_the_run_in_words(wired):
     wired.bus.points["C1"] = 0.0
     wired.wait(0.1)
     assert isinstance(wired.wiring.failure, Misuse)
-    assert "own.py: ZeroDivisionError" in str(wired.wiring.failure)
+    assert "own.py could not convert the readings of hall to signals: ZeroDivisionError" in str(
+        wired.wiring.failure
+    )
 
 
 # -- coming and going ------------------------------------------------------------------------------------------------
@@ -376,7 +378,7 @@ def test_what_cannot_be_taken_back_hides_no_refusal(wired):
         write(points)
 
     wired.plc.write = once
-    with refuses(Refused, "acknowledged"):
+    with refuses(Refused, "acknowledge"):
         wired.wiring.write({"air.left_mode": 2})
 
 

@@ -193,7 +193,7 @@ height = { from = "plc.h", unit = "mm" }
 -> calibration.gain = 0 is not a gain; use a number, such as 1.002
 
 "left.height" = { from = "plc.h", unit = "mm", calibration = { offset = nan } }
--> calibration.offset = nan is not a finite number
+-> calibration.offset = nan is not finite
 
 "left.height" = { from = "plc.h", unit = "mm", calibration = { table = [[nan, 0], [1, 2]] } }
 -> calibration.table: inf and nan are not allowed
@@ -317,11 +317,11 @@ rest = [{ "left.height" = 0 }]
 
 [sequences]
 rest = [{ "air.left_mode" = "vent" }]
--> the rig has no air.left_mode: the wiring does not mention it
+-> the rig has no air.left_mode (the wiring does not mention it)
 
 [sequences]
 open = [{ "lease.nonce" = 1 }]
--> the rig has no lease.nonce: the wiring does not mention it
+-> the rig has no lease.nonce (the wiring does not mention it)
 
 "air.dpv" = { to = "plc.dpv" }
 [sequences]

@@ -154,7 +154,7 @@ def test_a_capture_that_is_full_says_so(monkeypatch):
     receiver = WiredReceiver(VirtualClock())
     capture = Capture(receiver, ["left.height"])
     fill(capture, receiver, [5 * MS * k for k in range(3)], [1.0 * mm] * 3)
-    with refuses(Misuse, "holds 5"):
+    with refuses(Misuse, "limit 5"):
         capture.values("left.height")
 
 

@@ -89,7 +89,7 @@ def test_a_strangers_spring_is_measured_as_it_is(tmp_path, version):
 @pytest.mark.parametrize(
     ("bad", "said"),
     [
-        (1, "failed in doStep of the left spring at 2 s: it returned the status error"),
+        (1, "failed in doStep of the left spring at 2 s: the FMU returned the status error"),
         (2, "failed while reading outputs of the left spring at 2 s: F = nan is not finite"),
         (3, "crashed (SIGSEGV) in doStep of the left spring at 2 s"),
         (4, "made no progress for 0.3 s in doStep of the left spring at 2 s"),
@@ -153,7 +153,7 @@ REFUSED = {
         MAP.replace('"travel"', '{ variable = "travel", unit = "m" }'),
         'unit = "m" contradicts the FMU, in which travel has the unit "mm"',
     ),
-    "no air": (MAP.replace('air_flow = "air"', ""), "gets no air"),
+    "no air": (MAP.replace('air_flow = "air"', ""), "has no air flow"),
     "no force": (MAP.replace('vertical_force = "F"', ""), "lacks outputs.vertical_force"),
     "names of both kinds": (
         MAP.replace("height = ", '"left.height" = '),
@@ -161,7 +161,7 @@ REFUSED = {
     ),
     "half a tick": (
         MAP.replace("[simulation.spring_map.inputs]", '[simulation.spring_map]\nstep = "1.5 ms"\n\\g<0>', 1),
-        "no whole number of ticks",
+        "not a whole number of ticks",
     ),
     "an effect of our own springs": (
         'effects = { "leak.left" = "0.2 mm2" }' + MAP,

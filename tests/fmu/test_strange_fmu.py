@@ -83,7 +83,7 @@ def test_an_fmu_is_known_by_its_token_and_its_hash(folder: Path) -> None:
     ("words", "keep", "message"),
     [
         ({"CoSimulation ": "ModelExchange "}, "", r"for model exchange only .* export the model for co-simulation"),
-        ({'fmiVersion="3.0"': 'fmiVersion="1.0"'}, "", r"has FMI version 1.0|is no readable FMU"),
+        ({'fmiVersion="3.0"': 'fmiVersion="1.0"'}, "", r"has FMI version 1.0|is not a readable FMU"),
         ({}, "linux", r"no library for this system, binaries/x86_64-linux/ShakenMass.so; it has x86_64-windows"),
         ({'<BaseUnit m="1"/>': '<BaseUnit factor="0.01" m="1"/>'}, "", r'is in "m", which the FMU defines as 0.01 m'),
         ({"<BaseUnit kg=\"1\" s=\"-2\"/>": '<BaseUnit kg="1" s="-1"/>'}, "", r'"N/m", which the FMU defines as 1 kg/s'),

@@ -48,7 +48,7 @@ def test_the_bench_is_armed_moved_and_brought_to_rest(strange):
     bench.lateral.move_to(5 * mm)
     bench.wait(0.5)
     assert bench.lateral.displacement == pytest.approx(5 * mm, abs=0.3 * mm)
-    with pytest.raises(Refused, match=r"never acknowledged rig\.nominal_preload = 55 kN: .* still reads 60"):
+    with pytest.raises(Refused, match=r"did not acknowledge rig\.nominal_preload = 55 kN: .* still reads 60"):
         bench.rig.nominal_preload = 55 * kN
     with bench.capture("lateral.displacement") as capture:
         bench.generator.run("lateral", "sine", amplitude=4 * mm, frequency=1.0, cycles=4)

@@ -94,7 +94,7 @@ def test_shapes_follow_the_amplitude_and_spaces_do_not_matter():
         ("leak.left=nan mm2", "leak.left area nan mm2"),
         ("leak.left=inf mm2", "leak.left area 'inf mm2'"),
         ("leak.left=1mm2,2mm2", "leak.left '1mm2,2mm2' NAME[.PLACE]"),
-        ("leak.left=1mm2,area=2mm2", "understood"),
+        ("leak.left=1mm2,area=2mm2", "cannot be read"),
         ("maxwell=0.1,tmie=1s", "'time'"),
         ("maxwell=0.1,time=1000s", "maxwell time 1000 s 0.005 s 30 s"),
     ],

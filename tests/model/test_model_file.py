@@ -150,17 +150,17 @@ def test_any_model_survives(tmp_path_factory, changes, amplitudes, finding):
     ("text", "reason"),
     [
         ("based_on = 3", "based_on = 3 is not the name or the path of a parameter set"),
-        ('based_on = "nowhere.toml"', "no parameter set '.*nowhere.toml': .* cannot be read; there is astb"),
-        ('based_on = "model.toml"', "this model is based on itself"),
+        ('based_on = "nowhere.toml"', "no parameter set '.*nowhere.toml': .* cannot be read; use astb"),
+        ('based_on = "model.toml"', "the model is based on itself"),
         ('based_on = "astb"\nchange = 3', "change = 3 is not a table"),
-        ('based_on = "astb"\n[chnage]', "chnage is no part of a model file; did you mean 'change'?"),
+        ('based_on = "astb"\n[chnage]', "chnage is not a part of a model file; did you mean 'change'?"),
         (
             'based_on = "astb"\n[change]\norifice_diamter = "1 mm"',
-            "orifice_diamter is no parameter; did you mean 'orifice_diameter'",
+            "orifice_diamter is not a parameter; did you mean 'orifice_diameter'",
         ),
         (
             'based_on = "astb"\n[change]\norifice_diameter = "13 bar"',
-            "orifice_diameter = '13 bar' is not in m or mm",
+            "orifice_diameter = '13 bar' has a missing or wrong unit; use m or mm",
         ),
         (
             'based_on = "astb"\n[change]\norifice_diameter = "900 mm"',
@@ -172,28 +172,31 @@ def test_any_model_survives(tmp_path_factory, changes, amplitudes, finding):
         ),
         (
             'based_on = "astb"\n[change]\nbellows_volume = ["1 m3", "1 m3", "1 m3"]',
-            r"bellows_volume has shape \(3,\); it is one number or has shape \(2,\)",
+            r"bellows_volume has shape \(3,\); use one number, or an array of shape \(2,\)",
         ),
         ('based_on = "astb"\n[change]\nsensor_lag = "1 ms"', "sensor_lag = '1 ms' is not a table by sensor"),
         (
             'based_on = "astb"\n[change.sensor_lag]\nleft_hight = "1 ms"',
-            "left_hight is no sensor; did you mean 'left_height'?",
+            "left_hight is not a sensor; did you mean 'left_height'?",
         ),
         (
             'based_on = "astb"\n[change.sensor_bias]\nleft_height = "1 bar"',
-            "sensor_bias.left_height = '1 bar' is not in m or mm",
+            "sensor_bias.left_height = '1 bar' has a missing or wrong unit; use m or mm",
         ),
-        ('based_on = "astb"\n[effect."leak.left"]', "leak.left has no area: its amplitude is needed"),
+        ('based_on = "astb"\n[effect."leak.left"]', "leak.left has no area; add this amplitude"),
         (
             'based_on = "astb"\n[effect.leak]\nleft = "1 mm2"',
-            "leak is no effect; did you mean 'leak.",
+            "leak is not an effect; did you mean 'leak.",
         ),
         ('based_on = "astb"\n[effect]\nheat = "3 %"', "heat = '3 %' is not a table"),
-        ('based_on = "astb"\n[effect.heat]\nchange = "3 K"', "heat: change = '3 K' is not in 1 or % or ppm"),
-        ('based_on = "astb"\n[surface.fource]', "fource is no surface; did you mean 'force'?"),
+        (
+            'based_on = "astb"\n[effect.heat]\nchange = "3 K"',
+            "heat: change = '3 K' has a missing or wrong unit; use 1 or % or ppm",
+        ),
+        ('based_on = "astb"\n[surface.fource]', "fource is not a surface; did you mean 'force'?"),
         (
             'based_on = "astb"\n[surface.force]\ntime = "1 s"',
-            "force_surface_time is no parameter; did you mean 'force_surface",
+            "force_surface_time is not a parameter; did you mean 'force_surface",
         ),
         ('based_on = "astb', "line 1, .*: the closing quotation mark of a text is missing"),
     ],
@@ -210,9 +213,9 @@ def test_effects_without_changes_make_a_file_for_sealing(tmp_path):
     path.write_text('[effect."leak.right"]\narea = "3 mm2"\n', encoding="utf-8")
     assert load_effects(path) == {"leak.right": {"area": pytest.approx(3e-6)}}
     for text, reason in (
-        ("", r"hidden.toml: it has nothing; \[effect.NAME\] tables are right"),
-        ('based_on = "astb"\n[effect]', "hidden.toml: it has based_on, effect;"),
-        ('[effect.leek]\narea = "3 mm2"', "hidden.toml: leek is no effect"),
+        ("", r"hidden.toml: the file has nothing; use \[effect.NAME\] tables only"),
+        ('based_on = "astb"\n[effect]', "hidden.toml: the file has based_on, effect;"),
+        ('[effect.leek]\narea = "3 mm2"', "hidden.toml: leek is not an effect"),
     ):
         path.write_text(text, encoding="utf-8")
         with pytest.raises(ParameterError, match=reason):

@@ -59,17 +59,17 @@ def test_units_are_converted_once():
         (
             'orifice_diameter = { value = 13.0, unit = "mm"',
             'orifice_diameter = { value = 13.0, unit = "bar"',
-            "13.0 bar is not in m or mm",
+            "13.0 bar has the wrong unit; use m or mm",
         ),
         (
             'orifice_diameter = { value = 13.0, unit = "mm"',
             'orifice_diameter = { value = 13.0, unit = "inch"',
-            "13.0 inch is not in m",
+            "13.0 inch has the wrong unit; use m",
         ),
         (
             "orifice_diameter = {",
             "orifice_diametre = {",
-            "orifice_diametre is no parameter; did you mean 'orifice_diameter'?",
+            "orifice_diametre is not a parameter; did you mean 'orifice_diameter'?",
         ),
         ('provenance = "data sheet"', 'provenance = "rumour"', "provenance = 'rumour'"),
         (
@@ -85,17 +85,17 @@ def test_units_are_converted_once():
         (
             "effective_area = { value = 0.26",
             "effective_area = { value = [0.26, 0.26, 0.26]",
-            r"has shape \(3,\); it is one number or has shape \(2,\)",
+            r"has shape \(3,\); use one number, or an array of shape \(2,\)",
         ),
         (
             "[load_case.AW0]",
             "[sensor.hight]\n[load_case.AW0]",
-            "hight is no kind of sensor; did you mean 'height'?",
+            "hight is not a kind of sensor; did you mean 'height'?",
         ),
         (
             "[load_case.AW0]",
             "[sensor.height]\nnose = 1\n[load_case.AW0]",
-            r"sensor\.height\.nose is no parameter; use one of accuracy.* noise",
+            r"sensor\.height\.nose is not a parameter; use one of accuracy.* noise",
         ),
         (
             "dpv_reclosing = { value = 1.0",

@@ -152,14 +152,14 @@ def test_the_inertia_of_the_bolster_is_taken_off_the_actuator():
     [
         (lambda t: first_harmonic(t[:50], t[:50], 1.0), "cycles"),
         (lambda t: first_harmonic(t, np.full_like(t, np.nan), 1.0), "missing"),
-        (lambda t: first_harmonic(t, t[:-1], 1.0), "together"),
+        (lambda t: first_harmonic(t, t[:-1], 1.0), "do not fit"),
         (lambda t: first_harmonic(t, t, 150.0), "harmonic"),
         (lambda t: dynamic_stiffness(t, 0 * t, t, 1.0), "nothing"),
         (lambda t: secant_stiffness(0 * t, t), "nothing"),
         (lambda t: secant_stiffness(t * np.nan, t), "missing"),
-        (lambda t: straight_line(t, t * np.nan), "make"),
+        (lambda t: straight_line(t, t * np.nan), "few"),
         (lambda t: without_drift(t, t), "begins"),
-        (lambda t: whole_cycles(t, 0 * t, t >= 0, first=1, count=1, frequency=1.0), "completed 1"),
+        (lambda t: whole_cycles(t, 0 * t, t >= 0, first=1, count=1, frequency=1.0), "complete 1"),
         (lambda t: whole_cycles(t, 0 * t, t >= 0, first=0, count=9, frequency=1.0), "samples"),
     ],
 )

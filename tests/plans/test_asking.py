@@ -65,8 +65,11 @@ def test_a_script_answers_and_the_record_says_what_was_asked_and_who_answered(as
     ("operator", "why"),
     [
         (NoOperator(), "fit the plate of 16 mm: there is no operator to ask"),
-        (Script({"something else": "done"}, by="answers.toml"), "answers.toml has no answer to it"),
-        (Script({"plate 16": "not possible"}), "not possible, says the operator"),
+        (
+            Script({"something else": "done"}, by="answers.toml"),
+            "answers.toml has no answer to this question",
+        ),
+        (Script({"plate 16": "not possible"}), "the operator answered 'not possible'"),
     ],
 )
 def test_signals_without_a_source_are_not_available_with_a_reason(asked, operator, why):
@@ -92,7 +95,8 @@ def test_a_question_that_is_answered_wrongly_by_a_script_is_the_plans_trouble_an
     result, _ = asked(Script({"*": "yes"}))
     assert result.verdict is Outcome.BLOCKED
     assert (
-        "'yes' is no answer to 'fit the plate of 16 mm'; done, not possible, abort would be" in result.reason
+        "'yes' is not an answer to 'fit the plate of 16 mm'; use one of done, not possible, abort"
+        in result.reason
     )
 
 
@@ -115,17 +119,19 @@ def test_a_box_is_answered_from_another_thread_while_virtual_time_stands(bench_c
     assert seen == ["fit the plate of 16 mm"]
     assert result.verdict is Outcome.PASS
     assert box.question is None
-    with pytest.raises(ValueError, match="nothing is being asked"):
+    with pytest.raises(ValueError, match="no question is open"):
         box.reply("done", by="the panel")
 
 
 def test_a_box_takes_allowed_answers_once():
     box = QuestionBox()
     box.ask(Question("ready?", ("yes", "no")))
-    with pytest.raises(ValueError, match="'perhaps' is no answer to 'ready\\?'; yes, no, abort would be"):
+    with pytest.raises(
+        ValueError, match="'perhaps' is not an answer to 'ready\\?'; use one of yes, no, abort"
+    ):
         box.reply("perhaps", by="a")
     box.reply("yes", by="a")
-    with pytest.raises(ValueError, match="nothing is being asked"):
+    with pytest.raises(ValueError, match="no question is open"):
         box.reply("no", by="b")
     assert (box.answer().text, box.answer().by) == ("yes", "a")
 
@@ -274,7 +280,9 @@ def test_a_script_goes_before_the_simulated_hand_and_a_terminal_behind_it():
         both.ask(question)
         assert both.answer().by == by
     nobody = FirstOf(NoOperator(), Script({}))
-    with pytest.raises(Unanswered, match="there is no operator to ask; a script has no answer to it"):
+    with pytest.raises(
+        Unanswered, match="there is no operator to ask; a script has no answer to this question"
+    ):
         nobody.ask(question)
 
 

@@ -71,7 +71,7 @@ def test_a_simulated_rig_has_the_dimensions_that_it_is_simulated_with():
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({r'unit = "kg"': 'unit = "m"'}, ["dimension.bolster_mass = 1200.0 m is not in kg"]),
+        ({r'unit = "kg"': 'unit = "m"'}, ["dimension.bolster_mass = 1200.0 m has the wrong unit; use kg"]),
         (
             {"bolster_mass": "boster_mass"},
             ["dimension.boster_mass is not a dimension of a rig; did you mean", "bolster_mass"],
@@ -327,14 +327,14 @@ def test_a_described_rig_is_simulated_as_it_is_built():
     assert built_as(ours_, dimensions_of(ours_)).digest() == ours_.digest()
     further = built_as(ours_, {"stop_gap": 0.03}).entries["bump_stop_travel"].value
     assert further - ours_.entries["bump_stop_travel"].value == pytest.approx(np.full(further.shape, 0.005))
-    with pytest.raises(ParameterError, match="both sides alike, and lasers at the springs"):
+    with pytest.raises(ParameterError, match="same distance on both sides, and lasers at the springs"):
         built_as(ours_, {across("left.height"): 1.1})
     for wrong in (
         {across("load_cell.3"): 1.2},
         dict(zip(direction("load_cell.2"), (0.0, 0.1, 0.99), strict=True)),
     ):
         with pytest.raises(
-            ParameterError, match="four load cells upright at the corners of a rectangle and two"
+            ParameterError, match="four vertical load cells at the corners of a rectangle, and two"
         ):
             built_as(ours_, wrong)
 

@@ -156,7 +156,7 @@ def test_near_a_limit_is_marginal_and_missing_data_is_no_pass(made):
         (BenchTimeout("level: not reached within 20 s"), "the rig: level"),
         (LinkLost("the CAN bus is lost"), "the link to the rig: the CAN bus"),
         (Misuse("no such thing"), "the plan: no such thing"),
-        (NotMeasured("3 samples do not make a line"), "the measurement: 3 samples"),
+        (NotMeasured("3 samples are too few for a line"), "the measurement: 3 samples"),
         (TypeError("unsupported operand"), "the plan: TypeError at test_life_cycle.py:"),
         (ZeroDivisionError("by zero"), "the plan: ZeroDivisionError at test_life_cycle.py:"),
     ],
@@ -173,8 +173,10 @@ def test_an_external_failure_blocks_and_tear_down_runs(made, error, whose, where
 
 def test_samples_that_are_missing_are_named(made, bench):
     bench.readings.value_or_nan = lambda name: math.nan if name == "load_cell.1" else 0.0
-    result, _ = made(raising(NotMeasured("0 samples do not make a line")))
-    assert result.reason == "the measurement: 0 samples do not make a line; no samples arrive of load_cell.1"
+    result, _ = made(raising(NotMeasured("0 samples are too few for a line")))
+    assert (
+        result.reason == "the measurement: 0 samples are too few for a line; no samples arrive of load_cell.1"
+    )
 
 
 def test_a_fault_after_a_broken_limit_blocks_for_the_rig_may_have_broken_the_check(made):
@@ -422,7 +424,7 @@ def test_a_plan_without_instruction_is_refused(monkeypatch):
 def test_an_unknown_unit_is_the_plans_fault(made):
     result, _ = made(lambda run: run.check("x", 1.0, "furlong", low=0.0))
     assert result.verdict is Outcome.BLOCKED
-    assert "unit 'furlong' is not one of" in result.reason
+    assert "unit 'furlong' is unknown; use one of" in result.reason
 
 
 def test_every_plan_is_listed_under_its_name():

@@ -68,15 +68,21 @@ def test_what_is_shown_reads_as_the_same_number(value):
         ({"amplitude": "80mm"}, "probe: amplitude = 80 mm is outside 1 to 50 mm"),
         ({"amplitude": "-5 mm"}, "probe: amplitude = -5 mm is outside 1 to 50 mm"),
         ({"amplitude": "nan mm"}, "probe: amplitude = nan mm is outside 1 to 50 mm"),
-        ({"amplitude": "20"}, "probe: amplitude = '20' is not in m or mm; use 1 to 50 mm"),
-        ({"amplitude": "20 bar"}, "probe: amplitude = '20 bar' is not in m or mm; use 1 to 50 mm"),
+        (
+            {"amplitude": "20"},
+            "probe: amplitude = '20' has a missing or wrong unit; use m or mm; the range is 1 to 50 mm",
+        ),
+        (
+            {"amplitude": "20 bar"},
+            "probe: amplitude = '20 bar' has a missing or wrong unit; use m or mm; the range is 1 to 50 mm",
+        ),
         (
             {"amplitude": "wide"},
-            "probe: amplitude = 'wide' is not a number with its unit (m or mm); use 1 to 50",
+            "probe: amplitude = 'wide' is not a number with its unit; use a number in m or mm; the range is 1 to 50",
         ),
         ({"amplitude": True}, "probe: amplitude = True is not a number with its unit"),
-        ({"cycles": "2.5"}, "probe: cycles = 2.5 is no whole number; 1 to 20 has some"),
-        ({"load": "AW9"}, "probe: load = 'AW9' is none of AW0, AW3"),
+        ({"cycles": "2.5"}, "probe: cycles = 2.5 is not a whole number; use one from 1 to 20"),
+        ({"load": "AW9"}, "probe: load = 'AW9' is unknown; use one of AW0, AW3"),
         ({"amplitud": "20mm"}, "probe has no parameter amplitud; did you mean 'amplitude'?"),
         ({"x": "1"}, "probe has no parameter x; use one of amplitude, cycles, load"),
     ],
@@ -120,8 +126,8 @@ def no_choice(run: Run, *, load: Literal["AW0"] = "AW3") -> None:
     [
         (without_default, "plan without_default: parameter time has no default"),
         (without_range, "plan without_range: parameter time is declared <class 'float'>; use Annotated"),
-        (outside, "plan outside: parameter time has the default 3 s, which is not one of 1 to 2 s"),
-        (no_choice, "plan no_choice: parameter load has the default AW3, which is not one of AW0"),
+        (outside, "plan outside: parameter time has the default 3 s, which is not allowed; use 1 to 2 s"),
+        (no_choice, "plan no_choice: parameter load has the default AW3, which is not allowed; use AW0"),
     ],
 )
 def test_a_parameter_that_is_declared_badly_is_the_plans_fault(main, told):
@@ -139,7 +145,7 @@ def test_a_set_up_with_an_unknown_plan_parameter_is_reported():
 
 @pytest.mark.parametrize(
     ("ends", "told"),
-    [((2, 1, "mm"), "from 2 1"), ((1, 2, "furlong"), "'furlong'")],
+    [((2, 1, "mm"), "2 1 lower"), ((1, 2, "furlong"), "'furlong'")],
 )
 def test_an_empty_range_is_refused(ends, told):
     with refuses(ValueError, told):

@@ -140,7 +140,7 @@ def test_no_loss_test_on_a_rig_without_stated_supervision(tmp_path):
         result = execute(plans()["safety"], bench, tmp_path / "out", rig="plant_a")
     assert result.verdict is Outcome.INCOMPLETE
     words = {one.name: one.note for one in result.checks}
-    assert "is not known to notice that its commander is silent" in words["set-points lost: holds"]
+    assert "does not state that the rig detects a silent commander" in words["set-points lost: holds"]
     assert "no action.power_off" in words["is off at the end"]
     assert result.duration < 10
 

@@ -93,10 +93,10 @@ def test_columns_of_parquet_and_a_record_by_time(tmp_path):
         (("vertical [mm]", "vertical [kN]"), "vertical has the unit 'kN'"),
         (("distance [m]", "chainage [m]"), "neither of the columns distance and time"),
         (("gauge [mm]", "time [s]"), "both of the columns distance and time"),
-        (("gauge [mm]", "roll [mrad]"), "cant and roll, which say the same"),
+        (("gauge [mm]", "roll [mrad]"), "cant and roll, which state the same"),
         (("0.75,0,", "0.75,,"), "vertical has no number in line 5; fill the gap"),
         (("0.75,0,", "0.75,up,"), '"up" in line 5 is not a number'),
-        (("0.75,0,", "0.25,0,"), "distance falls from 0.5 to 0.25 m in line 5; it has to rise"),
+        (("0.75,0,", "0.25,0,"), "distance falls from 0.5 to 0.25 m in line 5; it must rise"),
         (("0.75,0,", "0.5,0,"), "distance stands still at 0.5 m in line 5"),
         (
             ("2.25,0,", "12.25,0,"),
@@ -182,7 +182,7 @@ def test_a_file_that_is_none_is_refused_before_anything_begins(tmp_path):
     [
         (
             {"speed": "90 m/s"},
-            "lasts 9.997 s at 324 km/h; with 8 s to come and go, 1.997 s is the longest duration",
+            "lasts 9.997 s at 324 km/h, of which 8 s are needed to begin and end; use a duration of at most 1.997 s",
         ),
         ({"track": "high.csv"}, "platform.vertical_setpoint would be"),
         ({"track": "steep.csv"}, "platform.vertical_setpoint would move with"),

@@ -292,14 +292,14 @@ offset = {{ value = 2.0, unit = "{unit}", provenance = "data sheet", source = "x
 @pytest.mark.parametrize(
     ("change", "why"),
     [
-        (('unit = "mm"', 'unit = "bar"'), "instrument.laser.offset = 0.05 bar is not in m or "),
+        (('unit = "mm"', 'unit = "bar"'), "instrument.laser.offset = 0.05 bar has the wrong unit; use m or "),
         (('"left.height"', '"left.hight"'), "did you mean 'left.height'?"),
         (('instrument = "laser"', 'instrument = "lazer"'), "did you mean 'laser'?"),
         (("offset", "ofset"), "instrument.laser.ofset is not a key"),
-        (("value = 0.05", "value = -0.05"), "is no half-width"),
+        (("value = 0.05", "value = -0.05"), "is not a half-width"),
         (('source = "x"', 'source = " "'), "source is empty"),
-        (("due = 2027-02-03", 'due = "2027-02-03"'), "is no day"),
-        (("due = 2027-02-03", "due = 2027-02-03T12:00:00"), "is no day"),
+        (("due = 2027-02-03", 'due = "2027-02-03"'), "is not a date"),
+        (("due = 2027-02-03", "due = 2027-02-03T12:00:00"), "is not a date"),
         (("[signal]", "[[signal]]"), "signal = [{'left.height': "),
     ],
 )

@@ -27,7 +27,7 @@ FILES = {
 }
 #: The change of the entry, and the error's text.
 WRONG = {
-    "unit": ('unit = "', 'unit = "k', "is not in"),
+    "unit": ('unit = "', 'unit = "k', "wrong unit"),
     "no unit": ("unit = ", "units = ", "it needs"),
     "provenance": ('provenance = "', 'provenance = "un', "use one of measured, data sheet"),
     "source": ('source = "', 'source = " "  # ', "source is empty"),

@@ -134,9 +134,9 @@ def test_another_volume_keeps_the_gas_and_changes_its_pressure(share, chamber):
 @pytest.mark.parametrize(
     ("name", "why"),
     [
-        ("gas_constant", "the gas that they were filled with"),
-        ("wall_heat_capacity", "heat would come from nowhere"),
-        ("spring_half_spacing", "where they were built"),
+        ("gas_constant", "the gas in the springs keeps its mass"),
+        ("wall_heat_capacity", "would change without a heat flow"),
+        ("spring_half_spacing", "the geometry of the rig cannot change"),
         ("nominal_preload", "plates and shims"),
         ("sensor_accuracy", "when the rig is built"),
     ],

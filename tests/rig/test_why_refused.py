@@ -47,7 +47,7 @@ def test_an_action_outside_its_states_is_explained(name, state):
     )
     assert (f"the bench is in {state.name}" in told) == (row is None)
     if row is not None and row.needs == COMMAND_VALID:
-        assert "no valid commands with D set arrive" in told
+        assert "no valid command frames with D set" in told
     elif row is not None and row.needs:
         assert ("the mains are off; switch" in told) != ("the emergency stop is pressed; release" in told)
 

@@ -88,7 +88,7 @@ def swapped(stand: FaultRig) -> None:
     after = [stand.readings(name)[5:].mean() for name in names]
     assert after == pytest.approx(before[::-1], abs=50)
     refused = stand.order(do="on", name="swapped", values={"sensor": "load_cell.2", "other": "left.height"})
-    assert "two sensors of one unit can" in refused["error"]
+    assert "two different sensors with the same unit" in refused["error"]
 
 
 @seen

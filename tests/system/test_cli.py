@@ -173,13 +173,13 @@ BAD_FILES = {
 }
 BAD_CHANGES = {
     'orifice_diameter = "18 cm"': "orifice_diameter[0] = 180 mm is outside 1 to 100 mm",
-    'orifice_diameter = "18"': "orifice_diameter = '18' is not in m or mm",
-    "orifice_diameter = 18": "orifice_diameter = 18 is not in m or mm",
-    'orifice_diameter = "wide mm"': "orifice_diameter = 'wide mm' is not a number with its unit (m or mm)",
+    'orifice_diameter = "18"': "orifice_diameter = '18' has a missing or wrong unit; use m or mm",
+    "orifice_diameter = 18": "orifice_diameter = 18 has a missing or wrong unit; use m or mm",
+    'orifice_diameter = "wide mm"': "orifice_diameter = 'wide mm' is not a number with its unit; use",
     'sensor_lag = "1 ms"': "sensor_lag = '1 ms' is not a table by sensor, such as { left_height =",
     'orifice_diameter = "900 mm"': "orifice_diameter[0] = 900 mm is outside 1 to 100 mm",
     'orifice_diameter = "nan mm"': "orifice_diameter[0] = nan mm is outside 1 to 100 mm",
-    'orifice_diamter = "18 mm"': "orifice_diamter is no parameter; did you mean 'orifice_diameter'?",
+    'orifice_diamter = "18 mm"': "orifice_diamter is not a parameter; did you mean 'orifice_diameter'?",
     'dpv_reclosing = "2 bar"': "dpv_reclosing = 200000.0 exceeds dpv_opening = 120000.0 (SI)",
 }
 BAD_ARGUMENTS = {
@@ -189,7 +189,7 @@ BAD_ARGUMENTS = {
     "run aw0 --rig nowhere.toml": "rig file nowhere.toml cannot be read: No such file or directory; choose another",
     "run aw0 --virtual --rig .": "there is no rig '.'",
     "run aw0 --specimen nowhere.toml": "specimen nowhere.toml cannot be read: nowhere.toml: No such file",
-    "run aw0 --specimen nobody": "there is astb, kuzyshyn_2024, and any path that ends in .toml",
+    "run aw0 --specimen nobody": "use astb, kuzyshyn_2024, or a path that ends in .toml",
     "list specimens nobody": "specimen nobody cannot be read",
     "run aw0 --set amplitude=20mm": "aw0 has no parameter amplitude",
     "run aw0 --set amplitude": "--set amplitude has no value; write NAME=VALUE",

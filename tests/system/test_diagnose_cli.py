@@ -97,12 +97,15 @@ ON_A_RIG = "investigate --out out --rig rig.toml"
         ("identify empty --model nosuch", "nosuch"),
         ("identify empty --model data.csv --out data.csv", "data.csv"),
         (f"{ON_A_RIG} --budget soon", "--budget = 'soon' is not a number with its unit"),
-        (f"{ON_A_RIG} --budget 20mm", "--budget = '20mm' is not in s or ms or min or h"),
+        (
+            f"{ON_A_RIG} --budget 20mm",
+            "--budget = '20mm' has a missing or wrong unit; use s or ms or min or h",
+        ),
         (f"{ON_A_RIG} --budget 2min", "budget = 2 min, but screening alone takes 9"),
         (f"{ON_A_RIG} --model nosuch", "nosuch"),
         (
             f"{ON_A_RIG} --effect leek.left=1mm2",
-            "leek.left is no effect; did you mean 'leak.",
+            "leek.left is not an effect; did you mean 'leak.",
         ),
         (f"{ON_A_RIG} --effect leak.left", "leak.left has no value"),
         (f"{ON_A_RIG} --sealed nofile.toml", "nofile.toml"),

@@ -157,18 +157,18 @@ def test_the_list_of_effects_names_every_one(cli):
 
 BAD_OPTIONS = {
     "--effect leak.left": "--effect leak.left has no value; write NAME=VALUE, such as leak.left=0.2mm2",
-    "--effect leek.left=1mm2": "leek.left is no effect; did you mean 'leak.",
-    "--effect leak=1mm2": "leak is no effect; did you mean 'leak.",
-    "--effect leak.left=1bar": "leak.left: area = '1bar' is not in m2 or mm2 or cm2",
+    "--effect leek.left=1mm2": "leek.left is not an effect; did you mean 'leak.",
+    "--effect leak=1mm2": "leak is not an effect; did you mean 'leak.",
+    "--effect leak.left=1bar": "leak.left: area = '1bar' has a missing or wrong unit; use m2 or mm2 or cm2",
     "--effect leak.left=900mm2": "leak.left: area = 900 mm2 is outside 0 mm2 to 20 mm2",
     "--effect heat=1% --effect heat=2%": "--effect heat is given twice",
     "--effect": "Option '--effect' requires an argument",
     "--model atsb": "no parameter set 'atsb': ",
-    "--model nowhere.toml": "no parameter set 'nowhere.toml': nowhere.toml cannot be read; there is astb",
-    "--model rig.toml": "rig.toml: name stands outside a section: a parameter belongs in a [section]",
+    "--model nowhere.toml": "no parameter set 'nowhere.toml': nowhere.toml cannot be read; use astb",
+    "--model rig.toml": "rig.toml: name is outside a section; move it into a [section]",
     "--sealed nowhere": "no file of effects 'nowhere': nowhere cannot be read",
-    "--sealed rig.toml": "rig.toml: it has name, simulation; [effect.NAME] tables are right",
-    "--sealed hidden.toml --effect leak.left=1mm2": "leak.left is given already, by astb",
+    "--sealed rig.toml": "rig.toml: the file has name, simulation; use [effect.NAME] tables only",
+    "--sealed hidden.toml --effect leak.left=1mm2": "leak.left is already in astb; give it only once",
 }
 
 
@@ -188,10 +188,10 @@ def test_bad_options_are_refused_in_words(cli, tmp_path, command, options, reaso
 @pytest.mark.parametrize(
     ("table", "reason"),
     [
-        ('"leak.left" = "1 bar"', "leak.left: area = '1 bar' is not in m2"),
-        ('"leak.left" = 1', "leak.left: area = '1' is not in m2"),
-        ('leek = "1 mm2"', "leek is no effect"),
-        ('leak = { left = "1 mm2" }', "leak is no effect; did you mean 'leak."),
+        ('"leak.left" = "1 bar"', "leak.left: area = '1 bar' has a missing or wrong unit; use m2"),
+        ('"leak.left" = 1', "leak.left: area = '1' has a missing or wrong unit; use m2"),
+        ('leek = "1 mm2"', "leek is not an effect"),
+        ('leak = { left = "1 mm2" }', "leak is not an effect; did you mean 'leak."),
     ],
 )
 def test_bad_effects_in_a_rig_file_are_refused_in_words(cli, tmp_path, table, reason):

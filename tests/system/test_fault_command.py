@@ -102,14 +102,18 @@ def test_the_command_breaks_mends_and_says_what_is_on(fault, shared_rig):
 @pytest.mark.parametrize(
     ("name", "given", "said"),
     [
-        ("dorp", "", "dorp is no fault; did you mean 'drop'?"),
-        ("drop", "probabilty=5%", "probabilty is no parameter of drop; did you mean 'probability'?"),
+        ("dorp", "", "dorp is not a fault; did you mean 'drop'?"),
+        ("drop", "probabilty=5%", "probabilty is not a parameter of drop; did you mean 'probability'?"),
         ("drop", "probability=500%", "drop: probability = 500% is outside 0.01 to 100 %"),
         ("drop", "probability=5", "drop: probability = 5 is outside 0.01 to 100 %"),
-        ("drop", "probability=5mm", "drop: probability = '5mm' is not in 1 or % or ppm"),
+        (
+            "drop",
+            "probability=5mm",
+            "drop: probability = '5mm' has a missing or wrong unit; use 1 or % or ppm",
+        ),
         ("drop", "seed=0.5", "drop: seed = 0.5 is not a whole number"),
         ("drop", "direction=up", "direction = up is unknown; use one of from_rig, to_rig, both"),
-        ("bias", "sensor=left.height", "bias: value is missing: how far it is off"),
+        ("bias", "sensor=left.height", "bias: value (how far it is off) is missing; add"),
         ("bias", "sensor=left.height value=9m", "bias: value = 9m is outside -600 to 600 mm"),
         ("bias", "sensor=left.height value=nanm", "bias: value = nanm is outside -600 to 600 mm"),
         (
@@ -117,7 +121,11 @@ def test_the_command_breaks_mends_and_says_what_is_on(fault, shared_rig):
             "sensor=left.hight value=1mm",
             "bias: sensor = left.hight is unknown; did you mean 'left.height'?",
         ),
-        ("drift", "sensor=left.height value=1mm", "drift: value = '1mm' is not in m/s or mm/s"),
+        (
+            "drift",
+            "sensor=left.height value=1mm",
+            "drift: value = '1mm' has a missing or wrong unit; use m/s or mm/s",
+        ),
         ("leak", "side=left for=soon", "for = 'soon' is not a number with its unit"),
         ("leak", "side=left for=0s", "for = 0 s is outside 0.001 to 86400 s"),
     ],
@@ -137,11 +145,11 @@ def test_what_is_not_on_cannot_be_switched_off(sound_rig):
         return json.loads(sound_rig.order(json.dumps({"do": "off", "name": name}).encode()))["error"]
 
     assert off("leak") == "leak is not on; no fault is on"
-    assert off("lake") == "lake is no fault; did you mean 'leak'?"
+    assert off("lake") == "lake is not a fault; did you mean 'leak'?"
 
 
 def test_misuse_of_the_command_has_its_exit_code(fault, cli):
-    assert fault("on", "dorp") == (MISUSE, "", "astb: dorp is no fault; did you mean 'drop'?\n")
+    assert fault("on", "dorp") == (MISUSE, "", "astb: dorp is not a fault; did you mean 'drop'?\n")
     said = "astb: probability has no value; write KEY=VALUE, such as area=2mm2\n"
     assert fault("on", "drop", "probability") == (MISUSE, "", said)
     assert cli("rig", "fault", "list", "--rig", LOCAL.with_name("hall.toml"))[0] == MISUSE
@@ -291,7 +299,7 @@ def test_a_rig_file_breaks_its_rig_whose_socket_goes_with_it(start_rig, tmp_path
 @pytest.mark.parametrize(
     ("faults", "said"),
     [
-        ('name = "dorp"', "dorp is no fault; did you mean 'drop'?"),
+        ('name = "dorp"', "dorp is not a fault; did you mean 'drop'?"),
         ('name = "drop"\nat = "soon"', "at = 'soon' is not a number with its unit"),
         ('name = "drop"\nfor = "0 s"', "for = 0 s is outside 0.001 to 86400 s"),
         ('name = "drop"\nvalues = { seed = "x" }', "drop: seed = 'x' is not a number"),

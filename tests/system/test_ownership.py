@@ -287,6 +287,6 @@ def test_a_run_that_is_kept_out_says_by_whom(site, astb_here, tmp_path):
     assert code == 3
     text = " ".join((out + err).split())
     assert f"the bench is held by the commander with token {bench.rig.lease:.0f}, at TCP port" in text
-    assert "that one has released the bench" in text
+    assert "that client releases the bench" in text
     with contextlib.suppress(BenchError):
         bench.wait(50 * ms)

@@ -101,11 +101,11 @@ def test_greeting_and_answers_come_as_packets_of_their_own(rig_and_port) -> None
     ("request_", "why"),
     [
         (b"< open can7 >", b"this hub serves vcan0, not can7"),
-        (b"< rawmode >", b"'rawmode' is not served here"),  # not before open
+        (b"< rawmode >", b"'rawmode' is not supported"),  # not before open
         (b"< send 123 1 1 >", b"after < open".replace(b"< ", b"")),
-        (b"< isotpmode >", b"'isotpmode' is not served here"),
+        (b"< isotpmode >", b"'isotpmode' is not supported"),
         (b"< send 123 9 1 >", b"the client sent a bad line: length 9"),
-        (b"GET / HTTP/1.1\r\n<html>", b"'html' is not served here"),
+        (b"GET / HTTP/1.1\r\n<html>", b"'html' is not supported"),
     ],
 )
 def test_a_refusal_says_why_and_the_connection_lives_on(rig_and_port, request_: bytes, why: bytes) -> None:

@@ -194,7 +194,7 @@ def test_numbers_of_a_foreign_server(plc: ForeignPlc, connected: Callable) -> No
     assert found == {"force": 70000.0, "height": -12.34, "level": 1.5, "ready": 1.0}
     plc.tables[HOLDING][60:64] = [0x504C, 0x4320, 0x3700, 0]
     assert transport.text("serial") == "PLC 7"
-    with pytest.raises(WiringError, match=r"serial is a text; ask text\('serial'\)"):
+    with pytest.raises(WiringError, match=r"serial is a text; read it with text\('serial'\)"):
         transport.read(["serial"])
     # All that one request brings has one time: two registers of one group are never of two polls.
     assert all(points.keys() in ({"height", "force", "broken"}, {"level"}, {"ready"}) for _, points in heard)

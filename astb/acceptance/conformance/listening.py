@@ -96,7 +96,7 @@ def _contents(access: RawAccess, frames: Block) -> Notebook:
     told = [name for name in silent if TABLE[name].group is not None]
     book.note("measurements that are not available", not told, ", ".join(told) or "none", "none")
     map_hash = access.listener.latest("rig.map_hash")
-    found = "not told" if np.isnan(map_hash) else f"{int(map_hash):#010x}"
+    found = "not reported" if np.isnan(map_hash) else f"{int(map_hash):#010x}"
     right = f"{TABLE.map_hash:#010x}"
     book.note("hash of the table of signals", found == right, found, right)
     return book

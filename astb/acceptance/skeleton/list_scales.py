@@ -82,7 +82,10 @@ def factor_of(text: str, column: str, exponents: bool) -> float:
     if exponents or text.startswith("10^"):
         if re.fullmatch(r"[-+]?\d{1,2}(\.0+)?", plain) and abs(float(plain)) <= _EXPONENT_MAX:
             return float(10.0 ** int(float(plain)))
-        raise LeftOut(f"column {column} has {text!r}, which is not an exponent of ten from -12 to 12")
+        raise LeftOut(
+            f"column {column} has {text!r}, which is not an exponent of ten; use a whole number from "
+            "-12 to 12"
+        )
     if not text:
         return 1.0
     try:
@@ -137,14 +140,16 @@ def sized_type(kind: str, explicit: bool, size: str, units: set[int]) -> str:
     if not size or kind == "bit":
         return kind
     if not size.isdigit() or not int(size):
-        raise LeftOut(f"its size {size!r} is not a number of registers, bytes or bits")
+        raise LeftOut(f"its size {size!r} is not a number; write a number of registers, bytes or bits")
     may = {int(size) // unit for unit in units or _SIZES if int(size) % unit == 0}
     wide = {"16": 1, "32": 2, "64": 4}.get(kind[-2:], 1)
     if explicit and wide in may:
         return kind
     fit = may & {1, 2, 4}
     if explicit or len(fit) != 1:
-        raise LeftOut(f"its number of registers is unknown: size {size}, type {kind or 'unknown'}")
+        raise LeftOut(
+            f"its number of registers is unknown (size {size}, type {kind or 'unknown'}); state both"
+        )
     registers = fit.pop()
     if not kind and registers > 1:
         raise LeftOut(f"its data type is missing ({registers} registers); state the type")
@@ -162,7 +167,9 @@ def null_of(text: str, kind: str) -> str:
         try:
             return f"{float(text.replace(',', '.')):.12g}"
         except ValueError:
-            raise LeftOut(f"its code for a missing value, {text!r}, is not a number") from None
+            raise LeftOut(
+                f"its code for a missing value, {text!r}, is not a number; write it as 32767 or 0x7FFF"
+            ) from None
     bits = int(kind[-2:]) if kind.startswith("int") else 0
     return str(number - (1 << bits) if bits and number >= 1 << bits - 1 else number)
 

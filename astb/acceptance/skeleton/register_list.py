@@ -191,7 +191,10 @@ def _rows(path: Path, lines: Sequence[str]) -> tuple[list[_Row], dict[str, str],
     for number, cells in cells_of(lines[head + 1 :], delimiter):
         line = head + 1 + number
         if len(cells) > width and any(cells[width:]):
-            raise WiringError(f"{path}, row {line}: the row has {len(cells)} cells, but the head has {width}")
+            raise WiringError(
+                f"{path}, row {line}: the row has {len(cells)} cells, but the head has {width}; "
+                "correct the row"
+            )
         row = {key: cells[index] if index < len(cells) else "" for key, index in found.items()}
         if not any(row.values()):
             continue
@@ -355,7 +358,10 @@ def _address(where: str, row: _Row, table: str, counting: Counting) -> int:
         raise WiringError(f"{where}: address = {row.address!r} is not a number; write it as 10 or 0x0A")
     if counting == "modicon":
         if not _is_modicon(text, table):
-            raise WiringError(f"{where}: address = {row.address!r} is not a Modicon number of table {table}")
+            raise WiringError(
+                f"{where}: address = {row.address!r} is not a Modicon number of table {table}; correct "
+                "the address or the table"
+            )
         number = int(text[1:]) - 1
     elif counting == "one":
         number -= 1

@@ -99,7 +99,7 @@ def free_slots(amounts: Any, wanted: int, what: str) -> int:
     used = int((amounts != 0.0).sum())
     if used + wanted > len(amounts):
         raise ValueError(
-            f"{what}: {used} of {len(amounts)} are taken and {wanted} more are asked for; leave out another effect"
+            f"{what}: {used} of {len(amounts)} are used and {wanted} more are needed; remove another effect"
         )
     return used
 

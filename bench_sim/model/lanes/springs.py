@@ -384,7 +384,8 @@ def _check(springs: Sequence[LaneSpring], count: int, limit: int, what: str) -> 
     steps = sorted({spring.course.step for spring in springs})
     if not 0 < count <= limit or len(steps) > 1:
         raise ValueError(
-            f"{count} {what} with steps of {steps} s: 1 to {limit} {what} with one step go together"
+            f"{count} {what} with steps of {steps} s cannot run together; use 1 to {limit} {what} with "
+            "one step"
         )
 
 

@@ -16,4 +16,6 @@ def find_fault(name: str) -> Fault:
     """Return the fault called ``name``; FaultError with similar names if there is none."""
     if name in FAULTS:
         return FAULTS[name]
-    raise FaultError(f"{name} is no fault; {did_you_mean(name, FAULTS, '`astb rig fault list` lists them')}")
+    raise FaultError(
+        f"{name} is not a fault; {did_you_mean(name, FAULTS, '`astb rig fault list` lists them')}"
+    )

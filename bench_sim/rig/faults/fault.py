@@ -98,7 +98,7 @@ class FaultNumber:
         if not low * factor - slack <= value <= high * factor + slack:
             raise FaultError(f"{self.name} = {text} is outside {self.span_for(sensor)}")
         if self.whole and value != round(value):
-            raise FaultError(f"{self.name} = {text} is not a whole number")
+            raise FaultError(f"{self.name} = {text} is not a whole number; use one")
         return value
 
 
@@ -150,13 +150,13 @@ class Fault:
         known = {one.name: one for one in self.parameters}
         for key in given:
             if key not in known:
-                raise FaultError(f"{key} is no parameter of {self.name}; {did_you_mean(key, known)}")
+                raise FaultError(f"{key} is not a parameter of {self.name}; {did_you_mean(key, known)}")
         values: dict[str, Any] = {}
         try:
             for one in self.parameters:
                 text = given.get(one.name, one.usual)
                 if text == "":
-                    raise FaultError(f"{one.name} is missing: {one.text}, {one.span}".replace("`", ""))
+                    raise FaultError(f"{one.name} ({one.text}) is missing; add {one.span}".replace("`", ""))
                 values[one.name] = one.read(text, str(values.get("sensor", "")))
         except FaultError as error:
             raise FaultError(f"{self.name}: {error}") from None

@@ -67,7 +67,9 @@ class TickFaults:
     ) -> Undo:
         """Disturb a reading from now on. RuntimeError if too many are disturbed already."""
         if len(self._rows) == DISTURBANCES_MAX:
-            raise RuntimeError(f"{DISTURBANCES_MAX} readings are disturbed already: mend one of them first")
+            raise RuntimeError(
+                f"{DISTURBANCES_MAX} readings are disturbed already; switch off one of these faults first"
+            )
         row = np.array([(sensor, kind, value, chance, self._controls["tick"], seed)], DISTURBANCE)
         self._save()
         self._rows.append(row)
@@ -133,7 +135,10 @@ class ParameterFaults:
     def own(self, names: Collection[str]) -> None:
         """Raise RuntimeError if one of these parameters is of springs that an FMU computes."""
         if owned := [name for name in names if name in self._owned]:
-            raise RuntimeError(f"{', '.join(owned)}: the springs are computed by an FMU, which has its own")
+            raise RuntimeError(
+                f"{', '.join(owned)}: an FMU computes the springs, so its own parameters apply; change "
+                "them in spring_map.parameters"
+            )
 
     def under(self, alter: Callable[[], None]) -> None:
         """Call ``alter()`` to change the fault-free values, and apply the changes to the new values afterwards."""

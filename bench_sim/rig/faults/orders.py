@@ -41,7 +41,7 @@ def execute_order(panel: FaultPanel, line: bytes, lock: AbstractContextManager[o
     try:
         order = msgspec.json.decode(line, type=FaultOrder)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        return _line({"error": f"the order is not understood: {error}"})
+        return _line({"error": f"the order cannot be read: {error}"})
     try:
         with lock:
             answer = _carry_out(panel, order)
@@ -79,11 +79,11 @@ def _carry_out(panel: FaultPanel, order: FaultOrder) -> dict[str, Any]:
         active = panel.on(order.name, order.values, read_time("for", order.lasting))
         return {"time": panel.time, "on": [active.as_json()]}
     if order.values or order.lasting is not None:
-        raise FaultError(f"{order.do} takes no values and no time")
+        raise FaultError(f"{order.do} takes no values and no time; remove them")
     if order.do == "off":
         return {"time": panel.time, "off": panel.off(order.name)}
     if order.name:
-        raise FaultError("list takes no name")
+        raise FaultError("the order list takes no name; remove it")
     return {
         "time": panel.time,
         "faults": _CATALOGUE,

@@ -101,7 +101,7 @@ class FaultPanel:
             labels = [label for label, one in self._on.items() if name in (label, one.fault.name)]
             if not labels:
                 find_fault(name.partition(".")[0])
-                now_on = f"on are {', '.join(self._on)}" if self._on else "no fault is on"
+                now_on = f"these faults are on: {', '.join(self._on)}" if self._on else "no fault is on"
                 raise FaultError(f"{name} is not on; {now_on}")
         for label in labels:
             self._off(label)

@@ -49,7 +49,9 @@ def _broken_wire(points: InsertionPoints, v: Values) -> Undo:
 def _swapped(points: InsertionPoints, v: Values) -> Undo:
     sensor, other = v["sensor"], v["other"]
     if sensor == other or TABLE[sensor].si != TABLE[other].si:
-        raise RuntimeError(f"{sensor} and {other} cannot be swapped; two sensors of one unit can")
+        raise RuntimeError(
+            f"{sensor} and {other} cannot be swapped; choose two different sensors with the same unit"
+        )
     return points.tick.disturb(sensor_of(sensor), DisturbanceKind.SWAPPED, float(sensor_of(other)))
 
 

@@ -178,11 +178,11 @@ def failure_reason(e: ExternalSprings, coupling: Coupling) -> str:
     match Failure(n[Slot.FAILED]):
         case Failure.STATUS:
             status = int(n[Slot.STATUS])
-            return f"it returned the status {_STATUS.get(status, str(status))}"
+            return f"the FMU returned the status {_STATUS.get(status, str(status))}"
         case Failure.NUMBER:
             outputs = [link for one in coupling.instances for link in one.outputs]
             return f"{outputs[n[Slot.STATUS]].name} = {e.outputs[n[Slot.STATUS]]:g} is not finite"
         case Failure.ENDED:
-            return "it ended the simulation by itself"
+            return "the FMU ended the simulation by itself"
         case _:
             return "no failure"

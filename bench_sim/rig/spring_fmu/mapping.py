@@ -130,8 +130,8 @@ def coupling_of(fmu: Fmu, keys: SpringMap, ambient: float) -> Coupling:
     known = {name.rpartition(".")[2] for name in keys.inputs}
     if not known & set(_AIR):
         raise FmuError(
-            f"{fmu.path.name} gets no air: spring_map.inputs has none of {', '.join(_AIR)}; map the air flow of the "
-            "bench's valves, or the openings of the FMU's valves"
+            f"{fmu.path.name} has no air flow: spring_map.inputs has none of {', '.join(_AIR)}; map "
+            "the air flow of the bench's valves, or the openings of the FMU's valves"
         )
     ticks = _ticks(fmu, keys)
     timeout = _seconds("spring_map.patience", keys.patience, TIMEOUT_MAX)
@@ -256,14 +256,14 @@ def _scale(variable: Variable, unit: str, si: str, where: str) -> tuple[float, f
     if unit and unit not in UNITS:
         raise FmuError(f'{where}: unit = "{unit}" is unknown; use {_units(si)}')
     if unit and base_exponents(UNITS[unit].si) != base_exponents(si):
-        raise FmuError(f'{where}: unit = "{unit}" is no unit of this quantity; use {_units(si)}')
+        raise FmuError(f'{where}: unit = "{unit}" is not a unit of this quantity; use {_units(si)}')
     own = variable.unit
     if not own.name:
         return (UNITS[unit].factor, UNITS[unit].zero) if unit else (1.0, 0.0)
     if without_angles(own.exponents) != without_angles(base_exponents(si)):
         raise FmuError(
-            f'{where}: {variable.name} has the unit "{own.name}" in the FMU, which is no unit of this quantity; use a '
-            f"variable in {_units(si)}"
+            f'{where}: {variable.name} has the unit "{own.name}" in the FMU, which is not a unit of '
+            f"this quantity; use a variable in {_units(si)}"
         )
     if unit and (UNITS[unit].factor, UNITS[unit].zero) != (own.factor, own.zero):
         raise FmuError(
@@ -363,7 +363,8 @@ def _ticks(fmu: Fmu, keys: SpringMap) -> int:
     ticks = round(step / TICK)
     if ticks < 1 or abs(ticks * TICK - step) > 1e-9:
         raise FmuError(
-            f'spring_map.step = "{keys.step}" is no whole number of ticks; use a multiple of {TICK * 1e3:g} ms'
+            f'spring_map.step = "{keys.step}" is not a whole number of ticks; use a multiple of '
+            f"{TICK * 1e3:g} ms"
         )
     if fmu.step is not None and not fmu.variable_steps:
         parts = ticks * TICK / fmu.step

@@ -121,7 +121,7 @@ class AstbRegisters:
                 )
                 new = [name for name, value in values.items() if single(value) != before[name]]
                 why = self._why(refused, lambda told: why_settings(new, told))
-                raise Refused(f"the rig did not take over {wanted}: {why}", refused.code) from None
+                raise Refused(f"the rig refused {wanted}: {why}", refused.code) from None
 
     def _stage(self, known: Mapping[str, float], values: Mapping[str, float]) -> None:
         """Write the registers from the first to the last of ``values``. The rig accepts or refuses them as a whole."""
@@ -181,7 +181,10 @@ class AstbRegisters:
                     if first < reading.address < last
                 }
         places = " and ".join(str(first) for first, _ in spans)
-        raise LinkLost(f"the readings from input register {places} on changed under {tries} reads in a row")
+        raise LinkLost(
+            f"the readings from input register {places} on changed during each of {tries} reads, so "
+            "they are not of one time; read them again"
+        )
 
     def _readings_now(self, names: Sequence[str]) -> dict[str, float]:
         """Return several readings (SI) of one step, NaN where the rig has no value."""
@@ -211,7 +214,10 @@ class AstbRegisters:
             told = several(asked) if len(asked) > 1 else {name: one(name) for name in asked}
             found.update({name: float(told[name]) for name in asked})
         if unknown := [name for name in names if name not in found]:
-            raise Misuse(f"{', '.join(unknown)} is not a reading of the Modbus map")
+            raise Misuse(
+                f"{', '.join(unknown)} is not a reading of the Modbus map; `astb rig signals` lists "
+                "the signals"
+            )
         return found
 
     # -- identification and lease --------------------------------------------------------------------------------
@@ -305,14 +311,15 @@ class AstbRegisters:
         token = self.holder()
         if not self._token:
             return (
-                f"the bench is held by {self.whose()}; this commander can act once that one has "
-                "released the bench, or has been silent until the bench is safe"
+                f"the bench is held by {self.whose()}; wait until that client releases the bench, or "
+                "until it was silent and the bench is safe"
             )
         if token == self._token:
             return (
                 "nothing was written on this connection for too long, so the bench refuses it; connect again"
             )
         return (
-            "inspect the bench, then connect again to take it: this commander was silent for too long, its "
-            f"connection broke, or the rig was restarted, and {self.whose()} holds the bench now"
+            "this commander lost the bench, because it was silent for too long, its connection broke, or the "
+            f"rig was restarted ({self.whose()} holds the bench now); inspect the bench, then connect again to "
+            "take it"
         )

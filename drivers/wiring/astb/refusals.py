@@ -68,7 +68,7 @@ def why_action(name: str, rig: RigState) -> str:
     if name == "action.reset" and state == "ESTOP" and rig.contacts.get("interlock.estop"):
         return "the emergency stop is pressed; release the button first"
     if state in _NEEDS_COMMANDS.get(name, ()) and not rig.contacts.get("interlock.command", True):
-        return "no valid commands with D set arrive on CAN; send them first"
+        return "the rig receives no valid command frames with D set on CAN; send them first"
     if name in ("action.program_run", "action.program_add"):
         if rig.program == "RUN" or (rig.program == "HOLD" and name == "action.program_add"):
             return "a program runs already; stop it first"

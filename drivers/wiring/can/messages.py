@@ -55,7 +55,8 @@ def read_messages(
         if one.id is not None:
             if name in codings:
                 raise WiringError(
-                    f"{where}.messages.{name}: id = {one.id:#x}, but the DBC describes {name} already"
+                    f"{where}.messages.{name}: id = {one.id:#x}, but the DBC describes {name} already; "
+                    "remove id, or use another name"
                 )
             codings[name] = _own_coding(
                 f"{where}.messages.{name}",
@@ -139,12 +140,12 @@ def _own_coding(
     highest = EXTENDED_ID_MAX if extended else STANDARD_ID_MAX
     if keys.id > highest:
         kind = "29-bit" if extended else "11-bit"
-        raise WiringError(f"{where}: id = {keys.id:#x} is not a {kind} identifier (0 to {highest:#x})")
+        raise WiringError(f"{where}: id = {keys.id:#x} is not a {kind} identifier; use 0 to {highest:#x}")
     length = LENGTH_MAX if keys.length is None else keys.length
     if length > most:
         raise WiringError(
-            f"{where}: length = {length} bytes is more than a CAN frame carries, {most}"
-            + ("" if most > LENGTH_MAX else "; set fd = true for CAN FD, which carries 64")
+            f"{where}: length = {length} bytes does not fit in a CAN frame; use {most} or less"
+            + ("" if most > LENGTH_MAX else ", or set fd = true for CAN FD, which carries 64")
         )
     if not signals:
         raise WiringError(
@@ -274,7 +275,7 @@ def _message(
     for given, value in keys.values.items():
         low, high = limits[given]
         if not low <= value <= high:
-            raise WiringError(f"{where}: values: {given} = {value:g} does not fit ({low:g} to {high:g})")
+            raise WiringError(f"{where}: values: {given} = {value:g} does not fit; use {low:g} to {high:g}")
     message.points = {signal: f"{name}.{signal}" for signal in names}
     message.given = {
         **{one.name: float(one.initial) for one in coding.signals if isinstance(one.initial, int | float)},
@@ -292,7 +293,8 @@ def _raw_null(where: str, signal: Signal, null: float) -> float:
             return float(struct.unpack(letter, struct.pack(letter, null))[0])
         except OverflowError:
             raise WiringError(
-                f"{where}: null = {null:g} does not fit in a float of {signal.length} bits"
+                f"{where}: null = {null:g} does not fit in a float of {signal.length} bits; use a "
+                "smaller number"
             ) from None
     first = -(1 << signal.length - 1) if signal.is_signed else 0
     last = first + (1 << signal.length) - 1
@@ -316,7 +318,8 @@ def _guard(where: str, message: Message, functions: Path | None) -> None:
         )
         if message.counter_period > room:
             raise WiringError(
-                f"{where}: counter_period = {keys.counter_period} does not fit: {keys.counter} has {room}"
+                f"{where}: counter_period = {message.counter_period} is too large, because {keys.counter} has "
+                f"{room} values; use 1 to {room}"
             )
     if guard is None:
         return
@@ -328,7 +331,8 @@ def _guard(where: str, message: Message, functions: Path | None) -> None:
         )
     if signal.length != 8 and not guard.scheme.startswith("function:"):
         raise WiringError(
-            f"{where}.checksum: {guard.signal} has {signal.length} bits, but {guard.scheme} needs 8"
+            f"{where}.checksum: {guard.signal} has {signal.length} bits, but {guard.scheme} needs 8; "
+            "use a signal of 8 bits"
         )
     alone = Coding(
         coding.frame_id, message.name, coding.length, [signal], is_extended_frame=coding.is_extended_frame
@@ -338,7 +342,10 @@ def _guard(where: str, message: Message, functions: Path | None) -> None:
         alone.encode({guard.signal: full}, scaling=False, strict=False), "big"
     )
     if guard.scheme == "e2e_p1" and message.checksum_mask >> 8 * (coding.length - 1) != 0xFF:
-        raise WiringError(f"{where}.checksum: e2e_p1 has its checksum in byte 0; {guard.signal} is elsewhere")
+        raise WiringError(
+            f"{where}.checksum: {guard.signal} is not in byte 0, where e2e_p1 has its checksum; use "
+            "the signal in byte 0"
+        )
     message.checksum_coding = alone
     message.checksum = checksum(f"{where}.checksum", guard, coding.is_extended_frame, functions)
 

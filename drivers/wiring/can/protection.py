@@ -62,7 +62,7 @@ def _sum(total: int, byte: int) -> int:
 
 def _profile_1(where: str, data_id: int) -> Checksum:
     if not 0 <= data_id <= 0xFFFF:
-        raise WiringError(f"{where}: data_id = {data_id:#x} does not fit in 16 bits")
+        raise WiringError(f"{where}: data_id = {data_id:#x} does not fit in 16 bits; use 0 to 0xFFFF")
 
     def crc(identifier: int, data: bytes) -> int:
         del identifier

@@ -209,11 +209,13 @@ class CanTransport(Transport):
             raise WiringError(f"{place} is written by the transport; remove it from the orders")
         if not message.sendable:
             raise WiringError(
-                f"{place}: {message.name} has pages within pages, so it can be read but not written"
+                f"{place}: {message.name} has pages within pages (nested multiplexing), so it can be "
+                "read but not written; write another message"
             )
         if self._keys.node is not None and message.name not in self._ours:
             raise WiringError(
-                f"{place} is sent by {', '.join(message.coding.senders)}, not by {self._keys.node}"
+                f"{place} is sent by {', '.join(message.coding.senders)}, not by {self._keys.node}; "
+                "correct node, or use another message"
             )
         if message.j1939 and j1939.source_of(message.identifier) == j1939.NOBODY:
             raise WiringError(

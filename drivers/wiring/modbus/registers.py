@@ -212,10 +212,10 @@ def _point(
     bits = keys.table in _BITS
     kind: TypeName = keys.type or ("bit" if bits or keys.bit is not None else "uint16")
     if bits and kind != "bit":
-        raise WiringError(f"{place}: type = {kind!r} does not fit in a {keys.table}, which is one bit")
+        raise WiringError(f"{place}: type = {kind!r} does not fit in a {keys.table} (1 bit); remove type")
     if kind == "bit" and bits == (keys.bit is not None):
         raise WiringError(
-            f"{place}: bit = {keys.bit} has no meaning in a {keys.table}, which is one bit"
+            f"{place}: bit = {keys.bit} has no meaning in a {keys.table}, which is one bit; remove bit"
             if bits
             else f"{place}: type = 'bit' in a register needs bit = 0 (the lowest) to 15"
         )
@@ -242,13 +242,12 @@ def _point(
         )
     if (keys.bit or 0) + keys.bits > BITS_PER_REGISTER:
         raise WiringError(
-            f"{place}: bits = {keys.bits} from bit = {keys.bit} on go beyond bit 15, the highest of a register"
+            f"{place}: bits = {keys.bits} from bit = {keys.bit} on go beyond bit 15, the highest of a "
+            "register; use fewer bits, or a lower bit"
         )
     size = keys.length or _FORMATS[kind][1]
     if keys.address + size > 0x1_0000:
-        raise WiringError(
-            f"{place}: address = {keys.address} with {size} registers goes beyond 65535, the last address"
-        )
+        raise WiringError(f"{place}: address = {keys.address} with {size} registers exceeds 65535; lower it")
     null = () if keys.null is None else tuple(keys.null) if isinstance(keys.null, list) else (keys.null,)
     point = RegisterPoint(
         name,
@@ -273,7 +272,9 @@ def _held(place: str, point: RegisterPoint, code: float) -> float:
     low, high = replace(point, scale=1.0, offset=0.0).range()
     if point.type in ("float32", "float64"):
         if math.isfinite(code) and not low <= code <= high:
-            raise WiringError(f"{place}: null = {code:g} does not fit into {point.type}")
+            raise WiringError(
+                f"{place}: null = {code:g} does not fit into {point.type}; use {low:g} to {high:g}"
+            )
         letter = f">{_FORMATS[point.type][0]}"
         return float(struct.unpack(letter, struct.pack(letter, code))[0])
     if not (low <= code <= high and code == round(code)):

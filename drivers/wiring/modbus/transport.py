@@ -261,7 +261,7 @@ class ModbusTransport(Transport):
         for name in names:
             self.require(name)
             if self._points[name].type == "string":
-                raise WiringError(f"transports.{self.name}: {name} is a text; ask text({name!r}) for it")
+                raise WiringError(f"transports.{self.name}: {name} is a text; read it with text({name!r})")
         found: dict[str, float] = {}
         for span in spans([self._points[name] for name in dict.fromkeys(names)], 0, self._keys.request_max):
             found.update(span.decode(self._ask(partial(_read, span), patient=True)))

@@ -75,7 +75,11 @@ class Reports:
             if not isinstance(one, int)
         ]
         if refused:
-            raise Refused(f"{self._where} does not report {', '.join(refused)} by itself", 0)
+            raise Refused(
+                f"{self._where} refuses to report {', '.join(refused)} by itself; to read on request, "
+                "set subscribe = false",
+                0,
+            )
         slowest = max(subscription.period, subscription.sampling)
         if slowest > self._stale:
             raise MapMismatch(

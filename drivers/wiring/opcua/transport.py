@@ -119,7 +119,10 @@ class OpcUaTransport(Transport):
         for one, said in self._points.items():
             first = seen.setdefault((self._ids[one], said.index), one)
             if first != one:
-                raise WiringError(f"{place}.points: {first} and {one} are the same node, {said.shown}")
+                raise WiringError(
+                    f"{place}.points: {first} and {one} are the same node, {said.shown}; remove one of "
+                    "them (several signals may use the same point)"
+                )
         self._alive: tuple[str, float] | None = None
         if keys.alive is not None:
             alive = convert(f"{place}.alive", keys.alive, AliveKeys)
@@ -198,7 +201,8 @@ class OpcUaTransport(Transport):
         for one, node in named.items():
             if node.NamespaceUri not in known:
                 raise MapMismatch(
-                    f"{self._where} has no namespace {node.NamespaceUri!r}, for {one}; it has {', '.join(known)}"
+                    f"{self._where} has no namespace {node.NamespaceUri!r}, for {one}; use one of "
+                    f"{', '.join(known)}"
                 )
             self._found[one] = ua.NodeId(node.Identifier, known.index(node.NamespaceUri), node.NodeIdType)
 
@@ -212,7 +216,9 @@ class OpcUaTransport(Transport):
             if why := NEVER.get(code, "") or point.never(raw):
                 never.append(f"{name} ({point.shown}): {why}")
         if never:
-            raise MapMismatch(f"{self._where} has no value for {'; '.join(never)}")
+            raise MapMismatch(
+                f"{self._where} can never give a value for {'; '.join(never)}; correct or remove these points"
+            )
 
     def _new_reports(self, clock: Clock) -> Reports:
         names: dict[ua.NodeId, list[str]] = {}
@@ -297,7 +303,9 @@ class OpcUaTransport(Transport):
             if index is not None:
                 if index >= len(arrays[node]):
                     raise Refused(
-                        f"{self._where} has no {self._points[name].shown} now, so {name} cannot be written", 0
+                        f"{self._where} has no {self._points[name].shown} now, so {name} cannot be "
+                        "written; check the length of the array on the server",
+                        0,
                     )
                 arrays[node][index] = raw
             whole[node] = ([*names, name], raw if index is None else arrays[node])

@@ -64,12 +64,15 @@ class NodeKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         letter = LETTERS.get(kind)
         if letter is None:
             raise ValueError(
-                f"{name} = {value:g} cannot be written: the server has a {kind} there instead of a number"
+                f"{name} = {value:g} cannot be written: the node has the type {kind}, which is not a "
+                "number; use another node"
             )
         try:
             struct.pack(f"<{letter}", raw if letter in "fd" else round(raw))
         except (struct.error, OverflowError):
-            raise ValueError(f"{name} = {value:g} does not fit in the server's {kind}") from None
+            raise ValueError(
+                f"{name} = {value:g} does not fit in the server's {kind}; use a number of its range"
+            ) from None
         return raw if letter in "fd" else round(raw)
 
     def never(self, raw: Any) -> str:
@@ -103,4 +106,4 @@ def error_text(error: BaseException, within: float) -> str:
         return error.strerror or "no connection"
     if isinstance(getattr(error, "code", None), int):  # each status is an exception of its name
         return f"the server reports {type(error).__name__}"
-    return "the answer is not that of an OPC UA server"
+    return "the answer is not that of an OPC UA server; check url"

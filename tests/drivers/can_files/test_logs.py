@@ -315,7 +315,7 @@ def test_unknown_traces(tmp_path) -> None:
     text = trc(recording(), "2.1")
     refused(tmp_path, "a.trc", text.replace("=2.1", "=3.0"), "is of version 3.0; use one of 1.0, 1.1")
     refused(tmp_path, "a.trc", text.replace(",R,", ",q,"), "column 'q' in line 3: .* is unknown")
-    refused(tmp_path, "a.trc", text.replace("$COLUMNS", "COLUMNS"), "version 2.1 needs a line")
+    refused(tmp_path, "a.trc", text.replace("$COLUMNS", "COLUMNS"), "because version 2.1 needs it")
     refused(tmp_path, "a.trc", text + text, "a second log begins in line 4[0-9]")
 
 

@@ -43,9 +43,9 @@ def test_changes_are_checked_and_leave_the_original():
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('"kN*s/m"', '"kN/m"', "is not in"),
+        ('"kN*s/m"', '"kN/m"', "wrong unit"),
         ("damper_knee", "damper_kneee", "did you mean 'damper_knee'?"),
-        ("[damper]", "[damper]\nfloor_depth = 1", "given twice"),
+        ("[damper]", "[damper]\nfloor_depth = 1", "occurs twice"),
         ("[body]", "floor = 1\n[body]", "outside a section"),
         ("[body]", "[body", "line 5, .*: a bracket is not closed"),
     ],

@@ -52,7 +52,7 @@ CAUSES: tuple[tuple[str, Callable[[object], bool], str, str], ...] = (
     (
         "the bench is held by the commander with token",
         lambda rig: rig.lease.token != 0,
-        "that one has released the bench",
+        "that client releases the bench",
         "still held by the first",
     ),
 )
