@@ -114,7 +114,7 @@ def test_a_page_outlives_its_server_and_stops_the_run_that_went_on(
     start(commander)
     until(commander, "#question", "Has the bolster moved.*1:[0-2]\\d.min left to answer")
     bench_panel.kill()
-    until(commander, "#news", "No word from the panel's server since", within=10)
+    until(commander, "#news", "No data from the panel's server since", within=10)
     assert "stale" in commander.get_attribute("body", "class").split()
     picture(commander, "lost")
     snapshot = knock(bench_panel.rig_file, {"do": "look"})["snapshot"]
@@ -283,22 +283,22 @@ def test_the_views_show_past_runs_and_diagnoses_faults_and_the_bus(open_page, be
 
     page.click("#views >> text=Faults")
     page.click("[data-fault=leak] summary")
-    page.click("[data-fault=leak] >> text=Break it")
+    page.click("[data-fault=leak] >> text=Switch on")
     until(page, "section[aria-label='faults that are on']", "leak")
     viewer = open_page(command=False)
     viewer.click("#views >> text=Faults")
-    assert not viewer.locator("text=Mend").first.is_enabled(), "an observer repairs nothing"
-    page.click("text=Mend")
-    until(page, "section[aria-label='faults that are on']", "Nothing is broken on purpose")
+    assert not viewer.locator("text=Switch off").first.is_enabled(), "an observer repairs nothing"
+    page.click("text=Switch off")
+    until(page, "section[aria-label='faults that are on']", "No fault is on")
     page.click("[data-fault=bias] summary")
     page.select_option("select[aria-label='bias sensor']", "right.height")
     assert page.get_attribute("input[aria-label='bias value']", "placeholder") == "-600 to 600 mm"
     page.fill("input[aria-label='bias value']", "3 mm")
-    page.click("[data-fault=bias] >> text=Break it")
+    page.click("[data-fault=bias] >> text=Switch on")
     until(page, "section[aria-label='faults that are on']", "bias.right.height")
-    page.click("text=Mend")
-    until(page, "section[aria-label='faults that are on']", "Nothing is broken on purpose")
+    page.click("text=Switch off")
+    until(page, "section[aria-label='faults that are on']", "No fault is on")
 
     page.click("#views >> text=Bus")
     until(page, "section[aria-label=rig]", "Who commands")
-    until(page, "section[aria-label=frames] h2", "^[1-9].* frames a second")
+    until(page, "section[aria-label=frames] h2", "^[1-9].* frames/s")

@@ -1,4 +1,4 @@
-/** The view of the bus: frames a second by identifier, how late the rig is, who commands it, what it refused. */
+/** The view of the bus: frames per second by identifier, how late the rig is, who commands it, what it refused. */
 
 import { fixed, make } from "/page/format.js";
 import { asked, repeated, table } from "/page/tables.js";
@@ -35,9 +35,9 @@ function facts({ rig, run }) {
   return [
     fact("Who commands", ...who(lease, holder, run)),
     fact("Late ticks", fixed(rig["rig.late_ticks"], 0), worst === null ? "" : `at worst ${fixed(1000 * worst, 2)}\u2009ms`),
-    fact("Commands refused", fixed(rig["rig.rejected_commands"], 0), "by their protection"),
+    fact("Commands refused", fixed(rig["rig.rejected_commands"], 0), "wrong CRC, counter or token"),
     fact("Set-points refused", fixed(rig["rig.refused_setpoints"], 0), "out of range"),
-    fact("From strangers", fixed(strangers, 0), strangers ? `the last: ${last}${port ? ` from TCP port ${port}` : ""}` : "frames and requests of others"),
+    fact("From other clients", fixed(strangers, 0), strangers ? `last: ${last}${port ? ` from TCP port ${port}` : ""}` : "refused frames and requests"),
   ];
 }
 
@@ -45,8 +45,8 @@ function facts({ rig, run }) {
 function who(lease, holder, run) {
   if (lease === null) return ["–"];
   if (!lease) return ["nobody"];
-  const port = holder ? `TCP port ${holder}` : "a CAN bus, which knows no senders";
-  if (run && (run.commands || !holder)) return [`the run ${run.plan}`, [run.operator && `of ${run.operator}`, port].filter(Boolean).join(", ")];
+  const port = holder ? `TCP port ${holder}` : "CAN, which does not identify the sender";
+  if (run && (run.commands || !holder)) return [`the run ${run.plan}`, [run.operator && `operator ${run.operator}`, port].filter(Boolean).join(", ")];
   return ["another program", holder ? `${port}; "ss -tnp" on this machine shows which` : port];
 }
 
@@ -67,13 +67,13 @@ function rates(first, now) {
     const off = !message || (wanted && found !== null && !silent && Math.abs(found / wanted - 1) > OFF);
     return {
       mark: off ? "off" : seen ? "" : "none",
-      cells: [hex(id), message?.name ?? "not in the table", message?.sender ?? "", fixed(found, 1), wanted ? fixed(wanted, 0) : message ? "on events" : "", fixed(now.counts[id] ?? 0, 0), now.gaps[id] ? `${fixed(1000 * now.gaps[id], 1)}\u2009ms` : ""],
+      cells: [hex(id), message?.name ?? "unknown", message?.sender ?? "", fixed(found, 1), wanted ? fixed(wanted, 0) : message ? "on events" : "", fixed(now.counts[id] ?? 0, 0), now.gaps[id] ? `${fixed(1000 * now.gaps[id], 1)}\u2009ms` : ""],
     };
   });
   const sum = [...known].reduce((all, id) => all + (now.counts[id] === undefined ? 0 : rate(id) ?? 0), 0);
   return [
-    make("h2", {}, now.error || `${fixed(sum, 0)} frames a second${now.others ? `; ${now.others} of identifiers beyond these` : ""}`),
-    table(["identifier", "message", "from", "a second", "should", "since you look", "longest gap"], rows),
+    make("h2", {}, now.error || `${fixed(sum, 0)} frames/s${now.others ? `; ${now.others} frames with other identifiers` : ""}`),
+    table(["identifier", "message", "sender", "frames/s", "expected/s", "frames counted", "longest gap"], rows),
   ];
 }
 

@@ -12,7 +12,7 @@ export function show(element) {
   async function load() {
     const { found, error } = await asked("/api/diagnoses");
     if (error) return card.replaceChildren(make("p", { class: "wrong" }, error));
-    if (!found.length) return card.replaceChildren(make("p", { class: "said" }, "No diagnosis lies in this folder. `astb diagnose RUN --out FOLDER/NAME` makes one, `astb investigate` does so on a rig."));
+    if (!found.length) return card.replaceChildren(make("p", { class: "said" }, "There is no diagnosis in this folder. `astb diagnose RUN --out FOLDER/NAME` makes one; `astb investigate` makes one on a rig."));
     card.replaceChildren(table(["verdict", "diagnosis", "when", "found", "model"], found.map((one) => ({
       cells: [
         make("b", { class: `verdict-word ${one.verdict}` }, one.verdict.replaceAll("_", " ")),

@@ -40,8 +40,8 @@ export function show(element, panel) {
     active.dataset.key = key;
     const list = on.map((one) =>
       make("p", { class: "fault on" }, make("b", {}, one.label), ` ${Object.entries(one.values).map(([name, value]) => `${name} ${value}`).join(", ")} `,
-        button("Mend", () => order("/api/faults/off", { name: one.label }))));
-    active.replaceChildren(make("h2", {}, "On now"), ...(list.length ? [...list, list.length > 1 ? button("Mend all", () => order("/api/faults/off", { name: "all" })) : ""] : [make("p", { class: "said" }, "Nothing is broken on purpose.")]));
+        button("Switch off", () => order("/api/faults/off", { name: one.label }))));
+    active.replaceChildren(make("h2", {}, "Faults that are on"), ...(list.length ? [...list, list.length > 1 ? button("Switch all off", () => order("/api/faults/off", { name: "all" })) : ""] : [make("p", { class: "said" }, "No fault is on.")]));
     buttons = buttons.filter((one) => one.isConnected);
     allow();
   }
@@ -60,13 +60,13 @@ export function show(element, panel) {
     });
     sensor?.addEventListener("change", chosen);
     chosen();
-    const lasting = make("input", { class: "lasting", placeholder: "until mended", "aria-label": `${one.name} for`, title: "how long, such as 3 s" });
+    const lasting = make("input", { class: "lasting", placeholder: "until switched off", "aria-label": `${one.name} for`, title: "duration, such as 3 s" });
     const go = () => order("/api/faults/on", { name: one.name, values: Object.fromEntries(inputs.filter((input) => input.value).map((input) => [input.name, input.value])), for: lasting.value });
     return make("details", { class: "fault", "data-fault": one.name },
       make("summary", {}, make("b", {}, one.name), ` ${one.title}`),
-      make("p", { class: "said" }, `What a driver sees: ${one.seen}`),
+      make("p", { class: "said" }, `Symptoms: ${one.seen}`),
       make("div", { class: "fields" }, ...inputs.map((input, k) => make("label", {}, one.parameters[k].name.replaceAll("_", " "), spans[k], input)), make("label", {}, "for", lasting)),
-      button("Break it", go, "main"));
+      button("Switch on", go, "main"));
   }
 
   function button(text, act, kind = "") {

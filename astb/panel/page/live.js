@@ -37,7 +37,7 @@ export function show(element, panel) {
     make("div", { class: "live" },
       make("section", { class: "card readings", "aria-label": "readings" },
         ...readings.map((one) => one.element),
-        panel.about.assumed ? make("p", { class: "said" }, "Limits that the rig's file does not tell are assumed.") : null),
+        panel.about.assumed ? make("p", { class: "said" }, "Limits that the rig file does not state are assumed.") : null),
       make("section", { class: "plots" }, drawing.element, ...charts.map((one) => one.element)),
       make("section", { class: "side" }, run.element, locks.element)),
   );

@@ -18,7 +18,7 @@ const panel = { link, about: await fetched("/api/rig"), plans: await fetched("/a
 lacksStop = panel.about.lacks_stop;
 find("rig").textContent = panel.about.name;
 find("kind").textContent = panel.about.simulated ? "simulated rig" : panel.about.description || "real rig";
-document.getElementById("estop").title = "Tells the rig over its wires to take its safe position: the actuators hold, the air is let off. It is not the emergency stop of the hardware.";
+document.getElementById("estop").title = "Orders the rig over its buses to take its safe position: the actuators hold, and the air is vented. It is not the emergency stop of the hardware.";
 
 const views = panel.about.views.map(({ name, title }) => ({ name, title, button: make("button", { onclick: () => (location.hash = name) }, title) }));
 document.getElementById("views").append(...views.map((one) => one.button));
@@ -72,7 +72,7 @@ function tell() {
 
 function say(stale, status) {
   const since = link.heard && clock(link.heard);
-  const lost = stale ? (since ? `No word from the panel's server since ${since} (${duration((Date.now() - link.heard) / 1000)}): what you see is old` : "The panel's server does not answer yet")
+  const lost = stale ? (since ? `No data from the panel's server since ${since} (${duration((Date.now() - link.heard) / 1000)}); the page shows old values` : "The panel's server does not answer yet")
     : status?.rig.link ? `No data from the rig: ${status.rig.link}` : "";
   const text = [window.astb.stopped, lost].filter(Boolean).join(" ");
   news.textContent = text;

@@ -33,7 +33,7 @@ export function picture(panel) {
     });
     soon();
   });
-  const assumed = drawing.at.assumed.length ? make("p", { class: "said" }, "Where the rig's dimensions are not known it is drawn as usual.") : null;
+  const assumed = drawing.at.assumed.length ? make("p", { class: "said" }, "Unknown dimensions of the rig are drawn with the usual values.") : null;
   return {
     element: make("div", { class: "card picture", "aria-label": "the bench" }, make("div", { class: "bar" }, times), place, assumed),
     tell(now) {
@@ -53,7 +53,7 @@ export function magnified(drawing) {
     element: make("div", { class: "bar" }, select, said),
     said() {
       const { times } = drawing.now;
-      const text = times < drawing.times - 0.05 ? `so far as there is room: × ${times.toFixed(1)}` : "";
+      const text = times < drawing.times - 0.05 ? `limited by the space: × ${times.toFixed(1)}` : "";
       if (said.textContent !== text) said.textContent = text;
     },
   };

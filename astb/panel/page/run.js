@@ -39,7 +39,7 @@ function told({ last, stopped }) {
     make("h2", {}, `Last run${last.plan ? `: ${last.plan}` : ""}`),
     make("div", { class: `verdict ${last.verdict}` }, last.verdict, button),
     text,
-    reason && stopped ? make("details", {}, make("summary", {}, "What the run says"), reason) : reason,
+    reason && stopped ? make("details", {}, make("summary", {}, "Reason given by the run"), reason) : reason,
     failures(last.failed ?? []),
     last.record ? make("p", {}, make("a", { href: `/kept/report?run=${encodeURIComponent(last.record)}`, target: "_blank" }, "Report")) : null,
   ].filter(Boolean);
@@ -47,7 +47,7 @@ function told({ last, stopped }) {
 
 /** What became of a STOP: who, when, and since when the springs are empty. */
 function ended({ by, at, how, empty }) {
-  const air = empty === null ? "the springs still hold air, which is being let off" : `springs empty at ${clock(empty)}`;
+  const air = empty === null ? "the springs still hold air, which is being vented" : `springs empty at ${clock(empty)}`;
   return [make("p", { class: `stopped ${empty === null ? "wrong" : ""}` }, `Stopped by ${by} at ${clock(at)}; ${air}.`), make("p", { class: "said" }, how)];
 }
 
@@ -112,7 +112,7 @@ function running(order) {
         failed.replaceChildren(failures(run.failed) ?? "");
       }
       beside.replaceChildren(...besides(run.twin));
-      said.textContent = run.held ? `Held ${run.held}` : held ? "Will be held at the next place where the plan allows it. If none comes, the run continues to its end" : run.question ? "" : run.said;
+      said.textContent = run.held ? `Held ${run.held}` : held ? "The run will be held at its next hold point. If there is none, it continues to its end" : run.question ? "" : run.said;
       hold.textContent = held ? "Go on" : "Hold";
       if (question.dataset.text !== run.question) {
         const to = run.question;

@@ -14,7 +14,7 @@ export function show(element, panel) {
   element.append(
     make("div", { class: "view" },
       make("section", { class: "card" }, make("h2", {}, "Add a file"),
-        make("p", { class: "said" }, "A specimen is a TOML file with drawing, loads and limits; `astb copy specimen astb mine.toml` writes one to begin with. It is checked first, and kept beside the runs."),
+        make("p", { class: "said" }, "A specimen is a TOML file with drawing, loads and limits; `astb copy specimen astb mine.toml` writes an example. The panel checks the file, and keeps it beside the runs."),
         make("div", { class: "filters" }, file, instead), wrong, said),
       make("section", { class: "card", "aria-label": "specimens" }, list), facts));
   file.addEventListener("change", async () => {
@@ -34,7 +34,7 @@ export function show(element, panel) {
     instead.hidden = true;
     try {
       const added = await panel.link.order("/api/specimens/add", { ...brought, instead: replace });
-      said.textContent = `${added} is sound, and can be chosen for a run.`;
+      said.textContent = `${added} is valid, and can be chosen for a run.`;
       await load();
       await told(added);
     } catch (error) {

@@ -18,7 +18,7 @@ export function starting(panel, order, told) {
   const twin = make("input", { type: "checkbox", id: "twin" });
   const [operator, ambient] = [remembered("operator", "who runs it"), remembered("ambient", "such as 21 °C, 1013 hPa")];
   const begin = make("button", { class: "main", id: "start" }, "Start");
-  const rehearse = make("button", { id: "rehearse", title: "In virtual time, without the rig: how far the plan goes, and how close to which limit" }, "Rehearse");
+  const rehearse = make("button", { id: "rehearse", title: "Runs the plan in virtual time, without the rig, and shows the margin to each limit" }, "Rehearse");
   const rehearsed = make("p", { class: "said", id: "rehearsed" });
   const reset = make("button", {}, "Reset fault");
   const vent = make("button", {}, "Vent springs");
