@@ -1,4 +1,4 @@
-"""What the black box of the rig looks like on the wire: Modbus files of 16-bit registers (function 20).
+"""Format of the rig's black box on the wire: Modbus files of 16-bit registers (function 20).
 
 File 1, the incident::
 
@@ -6,9 +6,9 @@ File 1, the incident::
                format   recording  number  tick   samples  trigger  period  channels  bytes  story in UTF-8
 
 ``recording`` is 1 while the next incident is being recorded; ``number`` counts the incidents since the rig started, 0
-while there is none; ``tick`` is the rig's own time of the incident in ms, high word first; ``trigger`` is the sample at
-which it happened, ``period`` the time between samples in ms, ``bytes`` the length of the story. The files from 2 on are
-the samples of one channel each, in the order of `CHANNELS`: signed multiples of the signal's step, 0x8000 for none.
+before the first; ``tick`` is the rig's own time of the incident in ms, high word first; ``trigger`` is the sample of
+the incident, ``period`` the time between samples in ms, ``bytes`` the length of the story. The files from 2 on are the
+samples of one channel each, in the order of `CHANNELS`: signed multiples of the signal's step, 0x8000 for none.
 """
 
 from collections.abc import Callable, Sequence
@@ -51,11 +51,11 @@ class Incident(NamedTuple):
 
     @property
     def times(self) -> npt.NDArray[np.float64]:
-        """When the samples were taken (s), seen from the incident: (n,)."""
+        """The times of the samples relative to the incident (s): (n,)."""
         return (np.arange(self.samples.shape[1]) - self.trigger) / FAST_RATE
 
     def values(self, name: str) -> npt.NDArray[np.float64]:
-        """Return the samples of a channel (SI), NaN where there was no reading: (n,)."""
+        """Return the samples of a channel (SI), NaN without a reading: (n,)."""
         raw = self.samples[self.channels.index(name)]
         return np.where(raw == NO_SAMPLE, np.nan, raw * TABLE[name].step)
 
@@ -91,7 +91,7 @@ class Head(NamedTuple):
 
 
 def read_head(read: ReadFile) -> Head:
-    """Return what the black box has; ValueError if it uses another format."""
+    """Return the head of file 1. Raises ValueError if it has another format."""
     form, recording, number, high, low, count, trigger, period, channels, size = read(INDEX_FILE, 0, _HEAD)
     if form != _FORMAT or period != _PERIOD or channels > len(CHANNELS):
         raise ValueError(
@@ -102,7 +102,7 @@ def read_head(read: ReadFile) -> Head:
 
 
 def read_incident(read: ReadFile, at_once: int) -> Incident:
-    """Return the incident that the black box keeps, ``at_once`` registers a request; its number is 0 if it has none."""
+    """Return the incident in the black box, with ``at_once`` registers a request; its number is 0 if there is none."""
     head = read_head(read)
 
     def registers(file: int, first: int, count: int) -> npt.NDArray[np.uint16]:

@@ -1,4 +1,4 @@
-"""The compiled CAN codec: values to frames and back, straight from the table of signals.
+"""The compiled CAN codec: values to frames and back, as the table of signals defines them.
 
 Bit order is little-endian (Intel) in all messages. Of a feedback message::
 
@@ -138,9 +138,9 @@ def encode_into(
 ) -> int:
     """Write one frame per message in ``rows`` to ``out[position:]``; return the position behind the last.
 
-    A row of -1 is left out.
+    A row of -1 is skipped.
 
-    ``values`` are SI floats by table row; a value outside its range travels as the nearest limit, NaN as "not
+    ``values`` are SI floats by table row; a value outside its range is sent as the nearest limit, NaN as "not
     available". ``counters`` (by message row) advance by one.
     """
     for row in rows:

@@ -1,4 +1,4 @@
-"""CANopen on the bench (CiA 301): the rig is one node, and every message of the table has a place in its plan.
+"""CANopen on the bench (CiA 301): the rig is one node, and every message is one of its PDOs, or its emergency.
 
 The messages keep their identifiers, whatever these would mean in the predefined connection set: the communication
 parameters of the PDOs state which node sends them. A message of the rig is the TPDO, one of the commander the RPDO,
@@ -85,7 +85,7 @@ def is_pdo(message: Message) -> bool:
 
 
 def pdo_number(message: Message) -> int:
-    """Return the number of the PDO that ``message`` is, from 1; ValueError for an identifier without a place."""
+    """Return the number of the PDO of ``message``, from 1. Raises ValueError for an identifier without a PDO."""
     block, place = divmod(message.identifier - (_TPDO_BASE if message.from_rig else _RPDO_BASE), 0x100)
     if not (0 <= block < _BLOCKS and 1 <= place <= _PDOS_PER_BLOCK):
         digit = "1, 2, 3 or 4 and 81 to 90" if message.from_rig else "2, 3, 4 or 5 and 01 to 10"

@@ -50,12 +50,12 @@ class MovingCar:
 
 
 def track_wave(phase: float) -> float:
-    """½(1 − cos 2πx) of a unilateral cosine after x waves."""
+    """Return ½(1 − cos 2πx), a unilateral cosine after x waves."""
     return 0.5 * (1.0 - cos(2.0 * pi * phase))
 
 
 def track_slope(phase: float) -> float:
-    """Derivative of `track_wave` by the phase, π sin 2πx."""
+    """Return the derivative of `track_wave` with respect to the phase, π sin 2πx."""
     return pi * sin(2.0 * pi * phase)
 
 

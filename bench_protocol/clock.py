@@ -32,14 +32,14 @@ class Task(Protocol):
     """A periodic callback that can be stopped."""
 
     def cancel(self) -> None:
-        """Stop the callback; when this returns it does not run any more (unless called from inside it)."""
+        """Stop the callback; after the return it does not run (unless called from inside it)."""
 
 
 class Clock(Protocol):
     """A source of time that threads can wait for."""
 
     def now(self) -> int:
-        """Return the time in ns since the clock's own origin; it never goes back."""
+        """Return the time in ns since the clock's origin; it never decreases."""
 
     def sleep_until(self, deadline: int) -> None:
         """Return at ``deadline`` (ns of this clock) or at once if it has passed."""
@@ -115,9 +115,9 @@ class _VirtualTask:
 class VirtualClock:
     """Time that advances only while a thread sleeps; the simulation runs in between, as fast as possible.
 
-    ``attach`` connects the simulation: a function ``advance(until_ns)`` that brings it to that time, and optionally a
-    function ``rest(first_ns, last_ns)`` that brings it to ``first``, or as far as nothing happens. Callbacks due at the
-    same instant run in the order in which they were registered.
+    ``attach`` connects the simulation: a function ``advance(until_ns)`` that advances it to that time, and optionally a
+    function ``rest(first_ns, last_ns)`` that advances it to ``first``, or up to ``last`` as long as nothing happens.
+    Callbacks due at the same instant run in the order in which they were registered.
     """
 
     def __init__(self) -> None:
@@ -178,7 +178,7 @@ class VirtualClock:
 
 
 def every_without_late(clock: Clock, period: int, callback: Callable[[], None]) -> Task:
-    """As ``clock.every``, but calls that a stall has delayed are skipped instead of made all at once."""
+    """Call ``callback`` as ``clock.every`` does, but skip calls that a stall has delayed."""
     last = clock.now()
 
     def cycle() -> None:

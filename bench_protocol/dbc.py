@@ -36,7 +36,7 @@ class DbcError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Described:
-    """One message of a DBC; ``name`` is its own in the file: with the identifier where two are called alike."""
+    """One message of a DBC; ``name`` is its name in the file, with the identifier if two messages have that name."""
 
     name: str
     coding: Coding
@@ -93,7 +93,7 @@ _ONE_OF_THEM: Final = "remove one of them from the file"
 
 
 def read_dbc(path: Path, charset: str | None = None) -> Dbc:
-    """Return the messages of a file, each judged only when it is used. DbcError for a file that cannot be read.
+    """Return the messages of a file, each checked only when it is used. Raises DbcError for a file that cannot be read.
 
     Without ``charset`` a byte order mark decides, then UTF-8 if all of the file is, else cp1252.
     """

@@ -1,4 +1,4 @@
-"""The values in frames of a message that a DBC describes, and why there is none."""
+"""The values in frames of a message that a DBC describes, and reasons for missing ones."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Decoding:
-    """Decodes the frames of one message. What a frame lacks is counted in the account that is handed on."""
+    """Decodes the frames of one message. Missing parts of a frame are counted in the given account."""
 
     def __init__(self, message: Described) -> None:
         self.message = message

@@ -45,13 +45,15 @@ def crc8(data: np.ndarray, data_id: int) -> int:
 
 @cached
 def counter_step(received: int, last: int) -> int:
-    """Return by how many the alive counter advanced, 0 for a repetition."""
+    """Return the increment of the alive counter, 0 for a repetition."""
     return (received - last) % COUNTER_PERIOD
 
 
 @cached
 def token_mark(token: int) -> int:
-    """Return by what the CRC of any frame changes when its data id is taken exclusive-or ``token``."""
+    """Return the change (exclusive-or) of the CRC of any frame when ``token`` is combined with its data id by
+    exclusive-or.
+    """
     return crc8(np.zeros(8, np.uint8), token)
 
 

@@ -16,7 +16,7 @@ VALUE: Final = ("value",)
 
 
 class EntryError(ValueError):
-    """An entry is wrong. The message has its key, its value with the unit, and the remedy, but not the file."""
+    """An entry is invalid. The message has its key, its value with the unit, and the remedy, but not the file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,9 +42,9 @@ def read_entry(
     shapes: Collection[Sequence[str]] = (VALUE,),
     units: Mapping[str, Unit] = UNITS,
 ) -> FileEntry:
-    """Return an entry in a unit of ``si`` that has, next to unit and origin, the parts of one of the ``shapes``.
+    """Return an entry in a unit of ``si``; besides unit and origin it has the parts of one of the ``shapes``.
 
-    Without ``si`` any unit fits. EntryError for everything else.
+    Without ``si`` any unit is accepted. Raises EntryError for any other entry.
     """
     parts = as_table(key, raw)
     if set(parts) - {*_ORIGIN} not in [set(shape) for shape in shapes] or not set(_ORIGIN) <= set(parts):
@@ -70,21 +70,21 @@ def read_entry(
 
 
 def number(key: str, value: Any) -> float:
-    """Return a value that must be a finite number."""
+    """Return ``value`` if it is a finite number. Raises EntryError for any other value."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
         raise EntryError(f"{key} = {value!r} is not a number; write a number without a unit")
     return float(value)
 
 
 def as_table(key: str, value: Any) -> Mapping[str, Any]:
-    """Return a value that must be a table."""
+    """Return ``value`` if it is a table. Raises EntryError for any other value."""
     if not isinstance(value, dict):
         raise EntryError(f"{key} = {value!r} is not a table; write its keys as [{key}] or in {{ }}")
     return value
 
 
 def refuse_unknown(where: str, keys: Mapping[str, Any], known: Collection[str], what: str) -> None:
-    """Refuse a key of a table ``where`` that is not ``known``; ``what`` is the kind of file."""
+    """Raise EntryError for a key of the table ``where`` that is not ``known``; ``what`` is the kind of file."""
     for key in keys:
         if key not in known:
             raise EntryError(f"{where}{key} is not a key of {what}; {did_you_mean(key, known)}")

@@ -1,4 +1,4 @@
-"""CAN frames as they travel inside the bench: many of them move as one *block*, a numpy array of ``FRAME``."""
+"""CAN frames inside the bench: many frames are passed on as one *block*, a numpy array of ``FRAME``."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -23,7 +23,7 @@ def empty_block() -> Block:
 
 
 def frame(identifier: int, data: bytes, time: int = 0, *, extended: bool = False) -> Block:
-    """Return a block of one frame; ValueError if it could not exist on a classic CAN bus."""
+    """Return a block of one frame. Raises ValueError if the frame is impossible on a classic CAN bus."""
     limit = EXTENDED_ID_MAX if extended else STANDARD_ID_MAX
     if not 0 <= identifier <= limit:
         kind = "extended" if extended else "standard"
@@ -43,7 +43,7 @@ def join(blocks: Iterable[Block]) -> Block:
 
 
 def copied(block: Block) -> Block:
-    """Return a copy of ``block``: as bytes, where numpy's own copy goes field by field and is three times slower."""
+    """Return a copy of ``block``, copied as bytes, which is three times faster than numpy's copy of its fields."""
     return np.frombuffer(bytearray(block.tobytes()), FRAME)
 
 

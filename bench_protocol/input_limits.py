@@ -99,7 +99,7 @@ def size(count: float) -> str:
 
 
 def check_size(path: Path, limit: int) -> None:
-    """Raise Unfit for a file that is not an ordinary one, or is longer than ``limit``; OSError if it is missing."""
+    """Raise Unfit for a file that is not an ordinary one or exceeds ``limit`` bytes, OSError if it is missing."""
     found = path.stat()
     if not stat.S_ISREG(found.st_mode):
         raise Unfit("is not an ordinary file; use the path of a file")
@@ -118,7 +118,7 @@ def read_bounded(path: Path, limit: int = DESCRIPTION_BYTES) -> bytes:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the tables of a TOML file, as `parse_toml` does. OSError if it cannot be read."""
+    """Return the tables of a TOML file, as `parse_toml` does. Raises OSError if it cannot be read."""
     return parse_toml(read_bounded(path))
 
 

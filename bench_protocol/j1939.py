@@ -28,10 +28,10 @@ def source_of(identifier: int) -> int:
 
 
 def missing(raw: int, bits: int) -> Literal["", "not available", "error"]:
-    """Return what the bits of an unsigned signal say if they are no value; "" if they are one.
+    """Return what the bits of an unsigned signal mean if they are not a value; "" if they are one.
 
-    SAE J1939-71, 5.1.4: of whole bytes the highest one decides (FE, FF), and of twelve bits the highest eight. Of two
-    to seven bits, ten, and so on, all ones are not available, and one less is an error. A single bit is always a value.
+    SAE J1939-71, 5.1.4: for whole bytes the highest one decides (FE, FF), for twelve bits the highest eight. For two to
+    seven bits, ten, and so on, all ones mean not available, and one less an error. A single bit is always a value.
     """
     if bits < 2:
         return ""
@@ -61,7 +61,7 @@ class _Message:
 
 
 class Reassembly:
-    """Takes frames in the order of their times, and gives back messages; what never is whole is counted."""
+    """Joins packets, in order of time, to messages; incomplete messages are counted."""
 
     def __init__(self, account: Account) -> None:
         self._account = account
@@ -69,7 +69,7 @@ class Reassembly:
         self.whole = 0
 
     def take(self, time: int, channel: str, identifier: int, data: bytes) -> tuple[int, bytes] | None:
-        """Return identifier and data of the message that a packet ends; None for any other packet."""
+        """Return identifier and data of the message that a packet completes; None for any other packet."""
         ends = source_of(identifier), identifier >> 8 & 0xFF
         if group_of(identifier) == ANNOUNCES:
             self._announced(time, channel, ends, data)
@@ -95,7 +95,7 @@ class Reassembly:
         return _PRIORITY << 26 | group << 8 | ends[0], whole
 
     def end(self) -> None:
-        """Count what the log ended within."""
+        """Count the messages that are incomplete at the end of the log."""
         for key in list(self._open):
             self._give_up(key)
 

@@ -34,7 +34,7 @@ class Differences:
 
     @property
     def absent(self) -> dict[str, str]:
-        """The readings that this rig does not have where we would look for them, each with the reason."""
+        """The readings that this rig does not have at the expected place, each with the reason."""
         return {
             **{name: f"the rig's map does not have it: {text}" for name, text in self.missing.items()},
             **{name: f"the rig's map has it in another place: {text}" for name, text in self.moved.items()},
@@ -116,7 +116,7 @@ def _by_signal(places: Places) -> dict[str, dict[str, str]]:
 
 
 def _move(here: Places, there: Places) -> str:
-    """Return from where to where a signal has moved, "" if all its places are the same, choices aside."""
+    """Return the old and new places of a signal as text; "" if all places are equal, apart from choices."""
     left = [place for place in here if place not in there and not _is_choice(place)]
     come = [place for place in there if place not in here and not _is_choice(place)]
     if not left and not come:

@@ -110,7 +110,7 @@ class Message:
 
     @property
     def first_bit(self) -> int:
-        """Where the fields start: an E2E header is in front, a sample counter behind."""
+        """The first bit of the fields: an E2E header precedes them, a sample counter follows them."""
         return 12 if self.protection is Protection.E2E else 0
 
     def placed(self) -> Iterator[tuple[Field, int]]:
@@ -122,7 +122,7 @@ class Message:
 
     @property
     def token_bit(self) -> int:
-        """First bit of the field with the token, -1 where there is none."""
+        """First bit of the field with the token; -1 if there is none."""
         return next((bit for field, bit in self.placed() if field.signal == TOKEN), -1)
 
     @property

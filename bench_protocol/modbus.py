@@ -1,8 +1,8 @@
-"""Modbus/TCP without sockets: a byte stream in, whole requests out, and the answer of a bank of registers to each.
+"""Modbus/TCP without sockets: requests from a byte stream, and the answer of a bank of registers to each.
 
 Source: *MODBUS Application Protocol Specification V1.1b3* (section numbers below) and *MODBUS Messaging on TCP/IP
-Implementation Guide V1.0b*. An ADU is the MBAP header (transaction, protocol 0, length, unit) and the PDU
-(function code, data); all numbers are big-endian.
+Implementation Guide V1.0b*. An ADU is the MBAP header (transaction, protocol 0, length, unit) and the PDU (function
+code, data); all numbers are big-endian.
 """
 
 import struct
@@ -71,13 +71,13 @@ class ModbusError(Exception):
 
 
 class FramingError(ValueError):
-    """The stream is not Modbus/TCP, and nothing shows where the next request would start: close the connection."""
+    """The stream is not Modbus/TCP, and the start of the next request is unknown: close the connection."""
 
 
 class Bank(Protocol):
-    """The data of a Modbus device. Every method may raise ``ModbusError`` and then must have changed nothing.
+    """The data of a Modbus device. A method that raises ``ModbusError`` must not have changed anything.
 
-    Addresses are 0-based, counts and values already within the limits of the protocol, ``address + count`` <= 65536.
+    Addresses are 0-based; counts and values are within the limits of the protocol, ``address + count`` <= 65536.
     """
 
     def read_coils(self, address: int, count: int) -> Sequence[bool]: ...
@@ -99,21 +99,21 @@ class Bank(Protocol):
 
 
 class AduStream:
-    """Cuts one connection's byte stream into ADUs: pipelined, split anywhere, never more than one ADU kept."""
+    """Splits the byte stream of one connection into ADUs, pipelined or split anywhere; stores at most one ADU."""
 
     def __init__(self) -> None:
         self._rest = b""
 
     @property
     def partial(self) -> bool:
-        """Whether the beginning of an ADU waits for its end."""
+        """Whether an incomplete ADU is stored."""
         return bool(self._rest)
 
     def feed(self, data: bytes) -> list[bytes]:
         """Return the ADUs completed by ``data``, header included.
 
-        Raises FramingError on a wrong header, but not before the ADUs in front of it have been returned:
-        the error then comes with the next call.
+        Raises FramingError on a wrong header, but not before the preceding ADUs have been returned: the error is then
+        raised by the next call.
         """
         data = self._rest + data
         adus: list[bytes] = []
@@ -139,9 +139,9 @@ class AduStream:
 
 
 def answer(adu: bytes, bank: Bank, units: Collection[int] = OWN_UNITS) -> bytes:
-    """Return the response ADU of ``bank`` to one request ADU (as ``AduStream`` delivers it).
+    """Return the response ADU of ``bank`` to one request ADU (from ``AduStream``).
 
-    Every refusal becomes an exception response. What the bank raises beyond ``ModbusError`` passes through.
+    Every refusal becomes an exception response. Other errors of the bank are not caught.
     """
     unit, function = adu[6], adu[7]
     try:
@@ -167,7 +167,7 @@ def refuse(adu: bytes, code: int) -> bytes:
 
 
 def pack_bits(bits: Sequence[bool]) -> bytes:
-    """Return bits as Modbus packs them: the first in the lowest bit of the first byte, the last byte filled with 0."""
+    """Return bits as Modbus packs them: the first in the lowest bit of the first byte, the last byte padded with 0."""
     number = 0
     for position, bit in enumerate(bits):
         if bit:
@@ -182,7 +182,7 @@ def unpack_bits(data: bytes, count: int) -> list[bool]:
 
 
 def _range(body: bytes, count_max: int) -> tuple[int, int]:
-    """Return the address and count that ``body`` consists of."""
+    """Return the address and count in ``body``."""
     if len(body) != 4:
         raise ModbusError(ILLEGAL_VALUE)
     address, count = _TWO.unpack(body)
@@ -265,7 +265,7 @@ def _mask_write_register(body: bytes, bank: Bank) -> bytes:
 
 
 def _read_write_registers(body: bytes, bank: Bank) -> bytes:
-    """Write, then read (section 6.17); the trial read makes sure that a refused request has written nothing."""
+    """Write, then read (section 6.17); a trial read first ensures that a refused request writes nothing."""
     if len(body) < 9:
         raise ModbusError(ILLEGAL_VALUE)
     read = _range(body[:4], REGISTERS_READ_MAX)
@@ -284,7 +284,7 @@ def _values(body: bytes, at: int, count: int) -> tuple[int, ...]:
 
 
 def _read_file(body: bytes, bank: Bank) -> bytes:
-    """Read file records (section 6.14): several places of several files in one request."""
+    """Read file records (section 6.14): several parts of several files in one request."""
     if not body or not 7 <= body[0] <= 245 or body[0] % 7 or len(body) != 1 + body[0]:
         raise ModbusError(ILLEGAL_VALUE)
     told = b""

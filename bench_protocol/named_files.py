@@ -42,9 +42,9 @@ def named_files(kind: str) -> dict[str, Path]:
 
 
 def place_of(kind: str, name: str | Path, home: Path = Path()) -> Path:
-    """Return the path of the file of this name, or of the file of a path relative to ``home``.
+    """Return the path of the file with this name, or of a path relative to ``home``.
 
-    A text that ends in ``.toml`` is a path. An unknown name returns the path where its file would be.
+    A text that ends in ``.toml`` is a path. For an unknown name, return the path where its file would be.
     """
     known = named_files(kind)
     if str(name).endswith(".toml"):
@@ -56,7 +56,9 @@ def place_of(kind: str, name: str | Path, home: Path = Path()) -> Path:
 
 
 def _shipped_earlier(kind: str, path: Path) -> Path | None:
-    """Return the file that a checkout of version 0.1 had at ``path``, as rigs/local.toml, if there is none now."""
+    """Return the present file for ``path`` in a checkout of version 0.1, such as rigs/local.toml; None if there is
+    none.
+    """
     if path.parent.name != kind or path.exists():
         return None
     known = named_files(kind)
@@ -68,7 +70,7 @@ def _shipped_earlier(kind: str, path: Path) -> Path | None:
 
 
 def earlier(what: str, instead: str) -> None:
-    """Warn of a form of version 0.1, which the next version does not read any more."""
+    """Warn of a form of version 0.1 that the next version will not support."""
     warnings.warn(
         f"{what} is the form of version 0.1, which the next version will not read; {instead}",
         FutureWarning,
@@ -77,7 +79,7 @@ def earlier(what: str, instead: str) -> None:
 
 
 def source_of(path: Path) -> Path:
-    """Return what a copy takes of a named file: the whole folder of a rig, else the file itself."""
+    """Return the files to copy for a named file: the whole folder of a rig, else the file itself."""
     return path.parent if path.name == OF_A_RIG["rigs"] else path
 
 
@@ -96,7 +98,7 @@ def read_named(
 ) -> tuple[Path, str, dict[str, Any]]:
     """Return the path of the file of a name or a path, the SHA-256 of its bytes, and its tables.
 
-    ``refused``, with the file and a remedy, if it cannot be read or is no TOML.
+    Raises ``refused``, with the file and a remedy, if it cannot be read or is not TOML.
     """
     path = place_of(kind, name, home)
     try:

@@ -1,4 +1,6 @@
-"""Raw values of a signal that a DBC names because they are no measurement: "SNA", "Fehler", the end of a scale."""
+"""Raw values of a signal that are not measurements according to their names in a DBC: "SNA", "Fehler", end of a
+scale.
+"""
 
 from __future__ import annotations
 
@@ -28,8 +30,8 @@ _NUMBER_BITS: Final = 8
 def no_value_codes(signal: Signal) -> dict[int, str]:
     """Return the raw values of ``signal`` that mean "no value", each with its name in the DBC.
 
-    Of a number (a signal with unit, scale or offset, or with no other named values) these are also its named values
-    beyond its range and at an end of what its bits can hold.
+    For a number (a signal with unit, scale or offset, or with no other named values) these also include its named
+    values beyond its range and at an end of the range of its bits.
     """
     if signal.conversion.is_float or not signal.choices:
         return {}
@@ -56,6 +58,6 @@ def _is_special(signal: Signal, code: int, text: str) -> bool:
 
 
 def _plain(text: str) -> str:
-    """Return a name as small words: of SignalNotAvailable or SIGNAL_NOT_AVAILABLE, signal not available."""
+    """Return a name as lower-case words: signal not available, for SignalNotAvailable or SIGNAL_NOT_AVAILABLE."""
     words = re.sub(r"(?<=[a-zäöü])(?=[A-ZÄÖÜ])", " ", text)
     return " ".join(re.sub(r"[\W_]+", " ", words.lower()).split())

@@ -1,11 +1,11 @@
 """The object dictionary of the rig as a CANopen node, made from the table of signals.
 
-An object is given once: its index follows from an identifier or an address, which never move::
+Indices never change, because they follow from an identifier or an address::
 
-    1000h to 1FFFh   what CiA 301 asks for
+    1000h to 1FFFh   objects of CiA 301
     2000h + COB-ID   a PDO: one sub-index per field of the message, in the codes of the wire
     3000h + address  a reading, by its input register: REAL32 in SI, NaN where not available
-    4000h + address  a setting as it is in force, by its holding register: REAL32 in SI
+    4000h + address  a setting in force, by its holding register: REAL32 in SI
     5000h + address  an interlock, by its discrete input
 """
 
@@ -80,13 +80,13 @@ class DataType(IntEnum):
 
     @property
     def size(self) -> int:
-        """Bytes of a value; 0 for a string, which has as many as it needs."""
+        """Bytes of a value; 0 for a string of any length."""
         bits = self.name.lstrip(ascii_uppercase)
         return int(bits) // 8 if bits.isdigit() else int(self is DataType.BOOLEAN)
 
 
 class ObjectCode(IntEnum):
-    """Kinds of object, by the number that an EDS gives them."""
+    """Kinds of object, by their number in an EDS."""
 
     VAR = 7
     ARRAY = 8
@@ -95,8 +95,10 @@ class ObjectCode(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One value of the dictionary. ``low``, ``high`` and ``factor`` are of the number on the wire: people read
-    ``factor`` times that number, in ``unit``. ``signal`` is the row of the table that it carries, if it does.
+    """One value of the dictionary.
+
+    ``low``, ``high`` and ``factor`` are for the number on the wire; the displayed value is ``factor`` times that
+    number, in ``unit``. ``signal`` is the table row of the value, if any.
     """
 
     sub: int
@@ -134,7 +136,7 @@ class DictionaryObject:
 
 
 def object_dictionary(table: Table) -> tuple[DictionaryObject, ...]:
-    """Return all objects by index; ValueError for two with one index, or a message without a place among the PDOs."""
+    """Return all objects by index. Raises ValueError for two with one index, or for a message without a PDO."""
     pdos = [message for message in table.messages if canopen.is_pdo(message)]
     objects = [*_of_the_node(table), *_own()]
     for message in pdos:
@@ -168,14 +170,14 @@ def _var(
 
 
 def _several(index: int, name: str, code: ObjectCode, *entries: Entry, count: str = "ro") -> DictionaryObject:
-    """Return an ARRAY or RECORD: its sub-index 0 states how far the others go."""
+    """Return an ARRAY or RECORD; its sub-index 0 has the highest sub-index."""
     last = max(entry.sub for entry in entries)
     head = Entry(0, "Highest sub-index supported", DataType.UNSIGNED8, count, 0 if count == "rw" else last)
     return DictionaryObject(index, name, code, (head, *entries))
 
 
 def _of_the_node(table: Table) -> Iterator[DictionaryObject]:
-    """Yield what CiA 301 gives every node a place for."""
+    """Yield the objects that CiA 301 defines for every node."""
     word, long, text = DataType.UNSIGNED16, DataType.UNSIGNED32, DataType.VISIBLE_STRING
     yield _var(DEVICE_TYPE, "Device type", long, 0, text="No device profile")
     yield _var(ERROR_REGISTER, "Error register", DataType.UNSIGNED8, 0)
@@ -236,7 +238,7 @@ def _of_the_node(table: Table) -> Iterator[DictionaryObject]:
 
 
 def _own() -> Iterator[DictionaryObject]:
-    """Yield what belongs to the node alone and is no signal."""
+    """Yield the objects of the node that are not signals."""
     names = (
         "NMT commands while somebody holds the bench",
         "SDO downloads without the holder's token",
@@ -289,7 +291,7 @@ def _mapping(message: Message) -> DictionaryObject:
 
 
 def mapped(message: Message) -> Iterator[tuple[int, int, int]]:
-    """Yield sub-index, first bit and bits of everything in the frame, the spare bits too."""
+    """Yield sub-index, first bit and number of bits of all parts of the frame, including spare bits."""
     known = [(sub, bit, field.bits) for sub, (field, bit) in enumerate(message.placed(), 1)]
     if message.protection is Protection.E2E:
         known += [(CRC_SUB, 0, 8), (COUNTER_SUB, message.counter_bit, 4)]
@@ -306,7 +308,7 @@ def mapped(message: Message) -> Iterator[tuple[int, int, int]]:
 
 
 def _pdo(table: Table, message: Message) -> DictionaryObject:
-    """Return the object with the fields of a message; what the rig receives is written by frames alone."""
+    """Return the object with the fields of a message; those that the rig receives can be written by frames only."""
     fields = dict(enumerate(message.placed(), 1))
     own = {SPARE_SUB: "Spare bits", CRC_SUB: "CRC", COUNTER_SUB: "Counter"}
     entries = []
@@ -341,7 +343,7 @@ def _field(table: Table, message: Message, sub: int, field: Field, bit: int) -> 
 
 
 def _type(bit: int, bits: int, *, signed: bool = False) -> DataType:
-    """Return the smallest type whose bytes contain ``bits`` from ``bit`` on, as tools cut them out of the frame."""
+    """Return the smallest type whose bytes contain ``bits`` from ``bit`` on, as tools extract them from the frame."""
     if bits == 1:
         return DataType.BOOLEAN
     size = -(-(bit % 8 + bits) // 8)

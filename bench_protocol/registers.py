@@ -42,7 +42,7 @@ ACTIVE_BLOCK: Final = 400
 
 
 class Block(NamedTuple):
-    """Readings that one request of 125 registers reads, the sequence numbers at both ends included."""
+    """Readings for one request of 125 registers, including the sequence numbers at both ends."""
 
     numbers: range
     floats: int  #: address of the first
@@ -57,7 +57,9 @@ class Block(NamedTuple):
         return self.scaled + number - self.numbers.start
 
     def span(self, sequences: Collection[int]) -> tuple[int, int] | None:
-        """Return the input registers at its ends, by those that have a sequence number; None if it is not there."""
+        """Return the input registers at its ends, from those that have a sequence number; None if the block does not
+        exist.
+        """
         opening = self.floats - 1
         found = [one for one in sequences if opening <= one <= self.address(self.numbers.stop)]
         return (opening, max(found)) if opening in found and max(found) > opening else None
@@ -78,7 +80,7 @@ _SPACE_OF: Final = {Kind.SETTING: "holding", Kind.ACTION: "coil", Kind.INTERLOCK
 
 @dataclass(frozen=True, slots=True)
 class Register:
-    """A place in one of the four Modbus address spaces; ``address`` counts from 0, people's numbers from 1."""
+    """A place in one of the four Modbus address spaces; ``address`` is 0-based, ``number`` 1-based."""
 
     signal: str
     space: str  #: one of `SPACES`
@@ -106,7 +108,7 @@ class Register:
 
     @property
     def words(self) -> int:
-        """Registers (or bits) taken."""
+        """Number of registers (or bits)."""
         return ENCODINGS[self.encoding]
 
     @property
@@ -142,7 +144,7 @@ def _block_and_number(signal: Signal) -> tuple[Block, int]:
 
 
 def reading_number(signal: Signal) -> int:
-    """Return the number of a reading in the blocks; ValueError for an address that its float cannot have."""
+    """Return the number of a reading in the blocks. Raises ValueError for an invalid address of its float."""
     return _block_and_number(signal)[1]
 
 
@@ -153,9 +155,9 @@ def twin_address(signal: Signal) -> int:
 
 
 def free_address(signals: Iterable[Signal]) -> int:
-    """Return the address that the next reading takes, and further ones behind it; ValueError if there is none left.
+    """Return the address for the next reading and further ones. Raises ValueError if there is none left.
 
-    In its block it is two behind the register where the sequence number has ended it so far, and stays.
+    It is two behind the register of the present last sequence number of its block, which remains.
     """
     taken = [reading_number(signal) for signal in signals if signal.kind in READINGS]
     for block in BLOCKS:
@@ -201,7 +203,7 @@ def _without_blocks(signal: Signal) -> Iterator[Register]:
 
 
 def _blocks(readings: Mapping[int, str]) -> Iterator[Register]:
-    """Yield the readings by number, and the sequence number in front and at every number without a reading."""
+    """Yield the readings by number, and the sequence number at the start and at every number without a reading."""
     for block in BLOCKS:
         last = max((number for number in readings if number in block.numbers), default=None)
         if last is None:

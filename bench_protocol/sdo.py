@@ -1,7 +1,7 @@
-"""The server of CANopen's SDO protocol without a bus: the eight bytes of a request in, those of the response out.
+"""The server of CANopen's SDO protocol without a bus: it answers eight bytes of a request with eight of the response.
 
 Source: CiA 301, section 7.2.4: expedited and segmented transfers. Block transfers are refused, as the standard allows.
-A server has one client and one transfer at a time; a new one takes the place of one that was not finished.
+A server has one client and one transfer at a time; a new transfer replaces an unfinished one.
 """
 
 import struct
@@ -10,7 +10,7 @@ from typing import Final, Protocol
 
 
 class AbortCode(IntEnum):
-    """Why a transfer is refused."""
+    """Reasons for which a transfer is refused."""
 
     TOGGLE = 0x0503_0000
     COMMAND_UNKNOWN = 0x0504_0001
@@ -38,10 +38,10 @@ class SdoAbort(Exception):
 
 
 class ObjectAccess(Protocol):
-    """The values of an object dictionary; its methods raise SdoAbort, and then have changed nothing."""
+    """The values of an object dictionary; a method that raises SdoAbort has not changed anything."""
 
     def size(self, index: int, sub: int) -> int:
-        """Return the bytes of an entry, 0 if it has as many as it needs."""
+        """Return the bytes of an entry; 0 for any length."""
 
     def read(self, index: int, sub: int) -> bytes: ...
 
@@ -85,7 +85,7 @@ class _Transfer:
         self.toggle = 0
 
     def accept(self, command: int) -> None:
-        """Check the toggle bit of a segment, and turn it for the next."""
+        """Check the toggle bit of a segment, and invert it for the next."""
         if command & _TOGGLE != self.toggle:
             raise SdoAbort(AbortCode.TOGGLE)
         self.toggle ^= _TOGGLE
@@ -99,7 +99,7 @@ class SdoServer:
         self._transfer: _Transfer | None = None
 
     def answer(self, request: bytes) -> bytes | None:
-        """Return the response to ``request``; None where there is none: to an abort, or a frame of another length."""
+        """Return the response to ``request``; None for an abort or a frame of another length."""
         if len(request) != _FRAME_BYTES:
             return None
         command, index, sub, rest = _HEAD.unpack(request)

@@ -1,4 +1,4 @@
-"""A signal is one value on a wire, with its unit, range, resolution and place in the Modbus map."""
+"""A signal: one value on a wire, with its unit, range, resolution and Modbus address."""
 
 import math
 import re
@@ -16,7 +16,7 @@ _NAME: Final = re.compile(r"[a-z][a-z0-9_]*\.[a-z0-9_]+")
 
 
 class Kind(StrEnum):
-    """Who writes a signal, and how it travels."""
+    """The writer of a signal, and its transport."""
 
     MEASUREMENT = "measurement"  #: a sensor of the rig: CAN and Modbus input registers
     STATUS = "status"  #: what the rig says of itself: CAN and Modbus input registers
@@ -33,10 +33,10 @@ MEASURED: Final = (Kind.MEASUREMENT, Kind.FURTHER)
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """One value that crosses a wire. ``low``, ``high`` and ``step`` are SI; ``unit`` is what people read.
+    """One value that crosses a wire. ``low``, ``high`` and ``step`` are SI; ``unit`` is the display unit.
 
-    ``address`` is its Modbus address, once and for all: of a reading the input register of the float, of a setting the
-    holding register, of an action the coil, of an interlock the discrete input; None for what only CAN carries.
+    ``address`` is its permanent Modbus address: the input register of the float for a reading, the holding register for
+    a setting, the coil for an action, the discrete input for an interlock; None for signals on CAN only.
     """
 
     name: str
@@ -93,14 +93,14 @@ class Signal:
         return UNITS[self.unit].si
 
     def show(self, value: float) -> str:
-        """Return ``value`` (SI) as people read it, with its unit or by the name of the choice."""
+        """Return ``value`` (SI) as text, in the display unit or by the name of the choice."""
         if self.choices and not math.isnan(value) and 0 <= round(value) < len(self.choices):
             return self.choices[round(value)]
         unit = "" if self.unit == "1" else f" {self.unit}"
         return f"{in_unit(value, self.unit):g}{unit}"
 
     def reads(self, value: float) -> str:
-        """Return a place on its scale (SI) as people read it, to its step; temperatures in °C."""
+        """Return a position on its scale (SI) as text, rounded to its step; temperatures in °C."""
         if self.choices or self.unit == "1":
             return self.show(value)
         unit = "degC" if self.unit == "K" else self.unit
@@ -116,7 +116,7 @@ class Signal:
         return f"{in_unit(self.low, self.unit):g} to {in_unit(self.high, self.unit):g}{unit}"
 
     def check(self, value: float) -> float:
-        """Return ``value`` if the wire can carry it; ValueError with value, unit and range if not."""
+        """Return ``value`` if the wire can carry it. Raises ValueError, with value, unit and range, if not."""
         if not self.low <= value <= self.high:
             raise ValueError(
                 f"{self.name} = {self.show(value)} does not fit in the messages; use {self.range_text()}"

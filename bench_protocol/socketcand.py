@@ -1,12 +1,12 @@
-"""The socketcand ASCII protocol without sockets: bytes in, events out, and frame blocks back into bytes.
+"""The socketcand ASCII protocol without sockets: bytes to events, and blocks of frames to bytes.
 
-Every message is a line ``< … >``. A server greets with ``< hi >``, answers ``< open vcan0 >`` and ``< rawmode >``
-with ``< ok >``, and then streams ``< frame 123 1700000000.123456 1A220344 >``; a client sends
-``< send 123 4 1a 22 3 44 >``. Reading is liberal, because the clients in the field are: extra spaces, unpadded
-numbers, and data bytes sign-extended to 32 or 64 bits (SavvyCAN) are all understood. Writing is strict.
+Every message is a line ``< … >``. A server greets with ``< hi >``, answers ``< open vcan0 >`` and ``< rawmode >`` with
+``< ok >``, and then streams ``< frame 123 1700000000.123456 1A220344 >``; a client sends ``< send 123 4 1a 22 3 44 >``.
+Reading is tolerant, because clients differ: extra spaces, unpadded numbers, and data bytes sign-extended to 32 or 64
+bits (SavvyCAN) are accepted. Writing is strict.
 
-Source of the format: the protocol description of socketcand (github.com/linux-can/socketcand) and what
-python-can 4.6 and SavvyCAN really send.
+Source of the format: the protocol description of socketcand (github.com/linux-can/socketcand) and the messages of
+python-can 4.6 and SavvyCAN.
 """
 
 import re
@@ -75,7 +75,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class Malformed:
-    """A line that could not be understood, with the reason in words that name the sender as the cause."""
+    """An invalid line, with the reason as text that names the sender as the cause."""
 
     reason: str
 
@@ -84,14 +84,14 @@ Event = Received | Sent | Command | Malformed
 
 
 class _LineError(Exception):
-    """Why one line is malformed."""
+    """The reason why a line is malformed."""
 
 
 class Parser:
-    """Turns one connection's byte stream into events; however the stream is cut, the events' contents are the same.
+    """Converts the byte stream of one connection to events, whose contents do not depend on how the stream is split.
 
-    ``sender`` names the other side in error messages. Neighbouring frames come as one block.
-    Text outside ``< >`` is ignored. At most ``LINE_MAX`` bytes are ever kept between calls.
+    ``sender`` names the other side in error messages. Adjacent frames form one block. Text outside ``< >`` is ignored.
+    At most ``LINE_MAX`` bytes are kept between calls.
     """
 
     def __init__(self, sender: str = "the other side") -> None:
@@ -100,7 +100,7 @@ class Parser:
         self._overflowed = False
 
     def feed(self, data: bytes) -> list[Event]:
-        """Return the events completed by ``data``; never raises on bad input."""
+        """Return the events completed by ``data``; never raises an error for invalid input."""
         data = self._rest + data
         end = data.rfind(b">") + 1
         complete, self._rest = data[:end], data[end:]
@@ -154,7 +154,7 @@ class Parser:
         _flush(kind, records, events)
 
     def _each(self, complete: bytes, events: list[Event]) -> None:
-        """Append the events of ``complete`` line by line: the liberal way."""
+        """Append the events of ``complete`` line by line, with the tolerant parser."""
         records: list[bytes] = []
         kind: type[Received] | type[Sent] = Received
         for segment in complete.split(b">")[:-1]:
@@ -185,7 +185,7 @@ class Parser:
         _flush(kind, records, events)
 
     def _trim(self, events: list[Event]) -> None:
-        """Keep of the unfinished rest only what can still become a line."""
+        """Keep only the part of the incomplete rest that can still become a line."""
         start = self._rest.rfind(b"<")
         if start < 0:
             self._rest = b""
@@ -207,7 +207,7 @@ class Parser:
 
 
 def frame_bytes(block: Block) -> bytes:
-    """Return ``block`` as the lines a server sends; times in ns are cut to the wire's 1 µs."""
+    """Return ``block`` as lines of a server; times in ns are truncated to 1 µs."""
     parts: list[str] = []
     append = parts.append
     last, stamp = -1, ""
@@ -222,7 +222,7 @@ def frame_bytes(block: Block) -> bytes:
 
 
 def send_bytes(block: Block) -> bytes:
-    """Return ``block`` as the lines a client sends; the times stay behind."""
+    """Return ``block`` as lines of a client, without times."""
     parts: list[str] = []
     append = parts.append
     for _, identifier, extended, length, data in _RECORD.iter_unpack(_packed(block)):
@@ -232,14 +232,14 @@ def send_bytes(block: Block) -> bytes:
 
 
 def open_bytes(bus: str) -> bytes:
-    """Return a client's request for ``bus``; ValueError if the name cannot be a CAN interface's."""
+    """Return a client's request for ``bus``. Raises ValueError if the name is not valid for a CAN interface."""
     if not re.fullmatch(r"[A-Za-z0-9_.:-]{1,15}", bus):
         raise ValueError(f"bus = {bus!r} cannot name a CAN interface (1 to 15 letters, digits, '_.:-')")
     return f"< open {bus} >".encode("ascii")
 
 
 def error_bytes(reason: str) -> bytes:
-    """Return a server's refusal; whatever could end the line early is taken out of ``reason``."""
+    """Return a server's refusal; characters that could end the line are removed from ``reason``."""
     clean = re.sub(r"[<>\s]+", " ", reason).encode("ascii", "replace").decode("ascii")
     return f"< error {clean[:200].strip()} >".encode("ascii")
 
@@ -254,7 +254,7 @@ def beacon_bytes(name: str, host: str, port: int, buses: tuple[str, ...], descri
 
 
 def _packed(block: Block) -> bytes:
-    """Return the records' bytes; TypeError rather than nonsense if the array is not one of frames."""
+    """Return the bytes of the records. Raises TypeError if the array has no frames."""
     if block.dtype != FRAME:
         raise TypeError(f"block = array of {block.dtype} is not a frame block (bench_protocol.frames.FRAME)")
     return block.tobytes()

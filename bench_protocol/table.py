@@ -1,7 +1,7 @@
-"""THE table of signals: every value that crosses the wires of the bench, once.
+"""The table of signals: every value that crosses the wires of the bench, once.
 
-CAN messages, Modbus registers, the DBC, the codecs, the map hash, the columns of records and the reference page all
-come from here; the attributes of the drivers are declared and checked against it.
+CAN messages, Modbus registers, the DBC, the codecs, the map hash, the columns of records and the reference page are
+made from it; the attributes of the drivers are declared and checked against it.
 """
 
 from typing import Final
@@ -15,7 +15,7 @@ from bench_protocol.wires import Table
 
 
 def _complete(table: Table) -> Table:
-    """Return ``table``; ValueError for a sensor or set-point without a CAN message, or a rate that no one sends at."""
+    """Return ``table``. Raises ValueError for a sensor or set-point without a CAN message, or a rate of no message."""
     for message in table.messages:
         if message.rate not in (0.0, *RATES):
             rates = ", ".join(f"{rate:g}" for rate in RATES)

@@ -1,4 +1,4 @@
-"""The groups of sensors: one row each, with all that the packages need to know of a sensor of that group."""
+"""The groups of sensors: one row each, with all properties that the packages need for sensors of that group."""
 
 from dataclasses import KW_ONLY, dataclass
 from enum import StrEnum
@@ -11,9 +11,9 @@ Ends = tuple[float, float]  #: lower and upper end (SI)
 
 @dataclass(frozen=True, slots=True)
 class SensorRow:
-    """What all sensors of a group have in common (SI); nothing that all packages need has a default.
+    """The common properties of all sensors of a group (SI); properties that all packages need have no default.
 
-    The parameters of the simulated sensors come from here, and so does what a file of instruments lacks.
+    The parameters of the simulated sensors are taken from here, and values that a file of instruments lacks.
     """
 
     name: str  #: of the group, in parameter files

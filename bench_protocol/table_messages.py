@@ -1,6 +1,6 @@
 """The CAN messages of the table: identifier, rate and fields of every frame, one message each.
 
-An identifier is given once, and so is the place of a field: a field that is added stands behind the others.
+An identifier and the place of a field never change; a new field is added behind the others.
 """
 
 from typing import Final
@@ -22,7 +22,7 @@ def _message(name: str, identifier: int, rate: float, fields: tuple[Field, ...],
 def _command(
     name: str, identifier: int, fields: tuple[Field, ...], text: str, *, rate: float = COMMAND_RATE
 ) -> Message:
-    """Return a message of the commander; one without a token in it carries the token in its CRC."""
+    """Return a message of the commander; a message without a token field carries the token in its CRC."""
     bound = not any(field.signal.endswith(".token") for field in fields)
     return Message(
         name, identifier, rate, False, fields, Protection.E2E, text, 0x0A00 | identifier, bound=bound
@@ -30,7 +30,7 @@ def _command(
 
 
 def _word(signal: str) -> Field:
-    """Return a field of 16 bits of which every code is a value."""
+    """Return a field of 16 bits in which every code is a value."""
     return Field(signal, 16, signed=False, nullable=False)
 
 

@@ -1,8 +1,8 @@
 """The signals of the table: every value that crosses the wires of the bench, one row each, with its Modbus address.
 
 Pressures on the wires are gauge; displacements are positive upward and to the left (+y), vertical actuator forces
-positive downward (a preload is positive), lateral forces positive to the left. An address is given once: a row that is
-added takes a free one.
+positive downward (a preload is positive), lateral forces positive to the left. An address never changes; a new row
+takes a free one.
 """
 
 from collections.abc import Iterator
@@ -228,7 +228,7 @@ def _number(
 
 
 def _of_a_car() -> Iterator[Signal]:
-    """Yield what a car in the loop is: half of one, on one bogie."""
+    """Yield the settings of a car in the loop: half a car, on one bogie."""
     addresses = count(140, 2)
 
     def one(name: str, unit: str, most: float, step: float, text: str) -> Signal:

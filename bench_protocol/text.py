@@ -1,4 +1,4 @@
-"""The text of files that other programs wrote: by its byte order mark, else UTF-8, else the Windows code page."""
+"""The text of files from other programs, decoded by byte order mark, else as UTF-8, else by the Windows code page."""
 
 from __future__ import annotations
 
@@ -20,15 +20,14 @@ _LOOKED_AT: Final = 4096
 
 
 class Unfit(ValueError):
-    """A file that is not taken in as it is; the text continues a sentence that begins with its name."""
+    """A file is not accepted; the text continues a sentence that begins with its name."""
 
 
 def decode(content: bytes, encoding: str = "") -> tuple[str, str]:
     """Return the text of a file without its mark, and the name of its encoding, which ``encoding`` fixes.
 
-    Without a mark it is UTF-16 if every other byte of plain letters is 0, else UTF-8, and what is not UTF-8 is taken as
-    cp1252. Unfit, to be put behind the file's name, for an encoding that does not exist and for content that is not
-    text.
+    Without a mark it is UTF-16 if every other byte of plain letters is 0, else UTF-8, and content that is not UTF-8
+    counts as cp1252. Raises Unfit, to follow the file's name, for an unknown encoding and for content that is not text.
     """
     if encoding:
         return _by_name(content, encoding), encoding
@@ -62,7 +61,10 @@ def _by_name(content: bytes, encoding: str) -> str:
 
 
 def _without_mark(content: bytes) -> str:
-    """UTF-16 has a 0 in every character of a Latin text, on one side; no other text has any."""
+    """Return the UTF-16 encoding of content without a mark; "" for other content.
+
+    In UTF-16 every Latin character has a 0, always on one side.
+    """
     head = content[: _LOOKED_AT // 2 * 2]
     low, high = head[::2].count(0), head[1::2].count(0)
     half = len(head) // 2
@@ -83,7 +85,9 @@ def _strictly(content: bytes, encoding: str) -> str:
 
 
 def only_utf_8(content: bytes) -> str:
-    """Return a text that has to be in UTF-8, with a mark or without. Unfit, with line and guess, for another one."""
+    """Return a text that must be UTF-8, with or without a mark. Raises Unfit, with line and likely encoding, for
+    another one.
+    """
     text, name = decode(content)
     if name == UTF_8:
         return text

@@ -32,7 +32,10 @@ _EXPONENTS: Final[dict[str, dict[str, int]]] = {
 
 
 def base_exponents(unit: str) -> dict[str, int]:
-    """Return the exponents of an SI unit as this project writes it, such as ``N*m/(rad*Pa)``; ValueError for others."""
+    """Return the exponents of an SI unit in the notation of this project, such as ``N*m/(rad*Pa)``.
+
+    Raises ValueError for others.
+    """
     above, _, below = unit.partition("/")
     total = dict.fromkeys(BASES, 0)
     for text, sign in ((above, 1), (below.strip("()"), -1)):
@@ -178,9 +181,9 @@ def is_unit(text: str) -> bool:
 
 
 def unit_in_name(name: str) -> str:
-    """Return the unit that the name of a column states, known or not, such as "F [kN]", "F (N)" or "F/kN"; "" for none.
+    """Return the unit in the name of a column, such as "F [kN]", "F (N)" or "F/kN", known or not; "" if there is none.
 
-    In round brackets, and without brackets, only a known unit is one: other words there belong to the name.
+    In round brackets, and without brackets, only a known unit counts: other words there belong to the name.
     """
     if found := _IN_NAME.fullmatch(name):
         if found["square"] is not None:
@@ -226,9 +229,9 @@ def _by_any_case(text: str) -> Unit | None:
 
 
 def _product(text: str) -> Unit:
-    """Return a unit of parts, such as N*m/(rad*Pa), m/s2, kg m-2 or 1/min.
+    """Return a compound unit, such as N*m/(rad*Pa), m/s2, kg m-2 or 1/min.
 
-    Where one part has the wrong case, as in mN/M, the case of the others is not trusted either.
+    If one part has the wrong case, as in mN/M, the case of the others is not trusted either.
     """
     above, *below = re.sub(r"\s+per\s+", "/", text).split("/")
     parts = [

@@ -142,5 +142,5 @@ FACTORS: Final = {name: unit.factor for name, unit in UNITS.items() if unit.zero
 
 
 def in_unit(value: float, unit: str) -> float:
-    """Return an SI ``value`` as a number of ``unit``; KeyError for an undeclared unit."""
+    """Return an SI ``value`` as a number of ``unit``. Raises KeyError for an undeclared unit."""
     return value / FACTORS[unit]

@@ -20,7 +20,7 @@ BUS_LOAD_MAX: Final = 0.5
 
 
 class _Rows(dict[str, int]):
-    """Rows by name; what is missing is reported with the name that is nearest."""
+    """Rows by name; an error for a missing name includes the nearest one."""
 
     def __missing__(self, name: str) -> int:
         raise KeyError(
@@ -30,10 +30,10 @@ class _Rows(dict[str, int]):
 
 @dataclass(frozen=True)
 class Table:
-    """Everything that crosses the wires: the one truth from which all codecs, maps and documents are made.
+    """Everything that crosses the wires: the source of all codecs, maps and documents.
 
-    ValueError for what cannot work: names, identifiers or addresses that clash, fields or registers of signals that do
-    not exist, ranges that do not fit in their bits, more than half of the bus.
+    Raises ValueError for an invalid table: names, identifiers or addresses that clash, fields or registers of unknown
+    signals, ranges that do not fit in their bits, more than half of the bus load.
     """
 
     signals: tuple[Signal, ...]
@@ -83,12 +83,12 @@ class Table:
 
     @cached_property
     def index(self) -> dict[str, int]:
-        """The row of every signal by its name."""
+        """The row of every signal by name."""
         return _Rows((signal.name, row) for row, signal in enumerate(self.signals))
 
     @cached_property
     def message_index(self) -> dict[str, int]:
-        """The row of every message by its name."""
+        """The row of every message by name."""
         return {message.name: row for row, message in enumerate(self.messages)}
 
     @cached_property
@@ -103,16 +103,16 @@ class Table:
         return tuple(signal for signal in self.signals if signal.kind in kinds)
 
     def tripped(self, value: float) -> Signal | None:
-        """Return the reading that ``rig.tripped`` names; None for 0, NaN and numbers of nothing."""
+        """Return the reading of the number in ``rig.tripped``; None for 0, NaN and unknown numbers."""
         return self._by_number.get(int(value) - 1) if value >= 1 else None
 
     def trip_number(self, name: str) -> int:
-        """Return what ``rig.tripped`` says for the reading ``name``: its number in the Modbus blocks, plus one."""
+        """Return the number of the reading ``name`` in ``rig.tripped``: its number in the Modbus blocks, plus one."""
         return reading_number(self[name]) + 1
 
     @property
     def bus_load(self) -> float:
-        """Worst-case fraction of a 500 kbit/s bus that the periodic messages take, with heartbeats and SYNC."""
+        """Worst-case load of a 500 kbit/s bus by the periodic messages, with heartbeats and SYNC (a fraction)."""
         rate = SERVICE_RATE_MAX + sum(message.rate for message in self.messages)
         return rate * FRAME_BITS_WORST / CAN_BIT_RATE
 
@@ -148,7 +148,7 @@ class Table:
 
     @cached_property
     def map_hash(self) -> int:
-        """32 bits that change with every change of the wire format; a driver refuses a rig with another one."""
+        """32 bits that change with every change of the wire format; a driver refuses a rig with a different value."""
         return hash_of(self.places)
 
 
@@ -159,7 +159,7 @@ def hash_of(places: Mapping[str, str]) -> int:
 
 
 def moved(kept: Mapping[str, str], table: Table) -> list[str]:
-    """Return in words what ``table`` has moved, changed or removed of the ``kept`` places; adding is no change."""
+    """Return texts on the ``kept`` places that ``table`` has moved, changed or removed; additions are no change."""
     places = table.places
     return [
         f"{place} was “{content}” and is now {f'“{places[place]}”' if place in places else 'empty'}"

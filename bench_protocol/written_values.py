@@ -1,4 +1,4 @@
-"""Numbers with units as people write them: read into SI, and written so that reading gives the same number again."""
+"""Numbers with units in text form: reading to SI, and writing so that reading gives the same number again."""
 
 import re
 from math import isfinite, isinf, log10
@@ -12,7 +12,7 @@ _NUMBER: Final = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]
 
 
 class NotAValue(ValueError):
-    """A text that is no number with a unit of the quantity; the message states what would be."""
+    """A text is not a number with a unit of the quantity; the message states a valid one."""
 
 
 def read_written(what: str, text: Any, si: str) -> float:
@@ -35,7 +35,7 @@ def read_written(what: str, text: Any, si: str) -> float:
 
 
 def fitting_unit(number: float, si: str) -> str:
-    """Return the first unit for ``si`` in which ``number`` lies from 0.1 to 1000, or comes nearest to that."""
+    """Return the first unit of ``si`` in which ``number`` is between 0.1 and 1000, or closest to that."""
     if not (number and isfinite(number)):
         return si
 
@@ -47,9 +47,9 @@ def fitting_unit(number: float, si: str) -> str:
 
 
 def write_value(number: float, si: str, unit: str, digits: int | None = None) -> str:
-    """Return ``number`` (SI) in ``unit``: so many significant ``digits`` of it, for people.
+    """Return ``number`` (SI) in ``unit`` as text, with ``digits`` significant digits.
 
-    Without ``digits`` `read_written` gives exactly ``number``; where ``unit`` cannot say it, SI does.
+    Without ``digits`` `read_written` returns exactly ``number``; SI is used if ``unit`` cannot represent it.
     """
     factor = WRITTEN_UNITS[unit].factor
     quotient = number / factor

@@ -1,1 +1,1 @@
-"""The bench for anyone who writes a plan: devices with readings and settings, over CAN and Modbus."""
+"""Interface to the bench for test plans: devices with readings and settings, over CAN and Modbus."""

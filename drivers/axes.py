@@ -58,7 +58,7 @@ class Vertical(Device):
     ) -> None:
         """Press with ``left`` and ``right`` (N, downward): force control, ramps of ``rate`` (N/s).
 
-        BenchTimeout if the forces are not within ``tolerance`` after ``within`` s.
+        Raises BenchTimeout if the forces are not within ``tolerance`` after ``within`` s.
         """
         _mode(self, "force")
         targets = {"vertical_left.force": left, "vertical_right.force": right}

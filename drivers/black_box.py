@@ -1,4 +1,4 @@
-"""The rig's black box, as a plan fetches it: the incident that it keeps, when one has been added since."""
+"""Access of a plan to the rig's black box: the stored incident, and whether a new one was added."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LOOK: Final = 0.5 * s
 
 
 def last_incident(bench: Bench) -> int:
-    """Return the number of the incident that the black box keeps; 0 if there is none, or no black box."""
+    """Return the number of the incident in the black box; 0 if there is no incident or no black box."""
     if not bench.wiring.capabilities.files:
         return 0
     try:
@@ -28,9 +28,9 @@ def last_incident(bench: Bench) -> int:
 
 
 def incident_since(bench: Bench, number: int) -> Incident | None:
-    """Return the incident that came after that with ``number``, once it is complete; None if there was none.
+    """Return the incident that followed incident ``number``, once it is complete; None if there was none.
 
-    Waits for one that is being recorded. A rig without a black box, or one that is gone, has none to give.
+    Waits for one that is being recorded. Returns None for a rig that is lost or has no black box.
     """
     if not bench.wiring.capabilities.files:
         return None

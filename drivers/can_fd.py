@@ -1,4 +1,4 @@
-"""Frames of CAN FD: blocks with room for 64 bytes, for the buses that have them."""
+"""Frames of CAN FD: blocks with room for 64 bytes, for the buses that support them."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -33,7 +33,7 @@ class Fd:
 def fd_frame(
     identifier: int, data: bytes, time: int = 0, *, extended: bool = False, classic: bool = False
 ) -> Block:
-    """Return a block of one frame for a bus that has CAN FD, filled up with zeros to a length that there is."""
+    """Return a block of one frame for a CAN FD bus, padded with zeros to a valid length."""
     head = frame(identifier, data[:8], time, extended=extended)
     length = next((one for one in FD_LENGTHS if one >= len(data)), 0)
     if len(data) > length:

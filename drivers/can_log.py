@@ -1,4 +1,4 @@
-"""Raw CAN frames in files, by python-can's own writers: the ending of the name chooses the format."""
+"""Raw CAN frames in files, by python-can's own writers; the ending of the file name selects the format."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _PATIENCE: Final = 60.0  # s, for a slow disk at the end
 
 
 class CanLog:
-    """Writes every frame that ``port`` receives into ``path`` until it is closed, in its own thread.
+    """Writes every frame that ``port`` receives to ``path`` until it is closed, in its own thread.
 
     The port must not be used for sending, as a port does not receive its own frames. ``report`` is called at once, in
     that thread, if writing fails. Raises CanLogError for an unknown ending of the name, or a file that cannot be
@@ -72,7 +72,7 @@ class CanLog:
 
 
 def write_frames(blocks: Iterable[Block], path: Path) -> int:
-    """Write frames into a file; return their number. Raises CanLogError as `CanLog` does."""
+    """Write frames to a file; return their number. Raises CanLogError as `CanLog` does."""
     count = 0
     writer = _open_writer(path)
     try:
@@ -86,7 +86,7 @@ def write_frames(blocks: Iterable[Block], path: Path) -> int:
 
 
 def read_frames(path: Path) -> Iterator[Block]:
-    """Yield the classic data frames of a file in the order of their times (ns), which are those in the file."""
+    """Yield the classic data frames of a file in order of time; their times (ns) are those in the file."""
     yield from read_log(path, Account()).blocks(lambda kind: True)
 
 

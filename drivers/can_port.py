@@ -1,7 +1,7 @@
 """A CAN port: it sends blocks of frames to a bus and delivers every received frame.
 
 ``PythonCanPort`` works on any python-can bus. It has a thread that only receives frames, because a CAN socket of the
-kernel holds only some 280 of them while the program computes. ``open_can`` chooses the bus.
+kernel stores only about 280 of them while the program computes. ``open_can`` selects the bus.
 """
 
 import contextlib
@@ -217,7 +217,7 @@ class _SocketCanReceiver:
         return block
 
     def _time(self, notes: list[tuple[int, int, bytes]]) -> int:
-        """Return when a frame was received, by the best clock in its ancillary data."""
+        """Return the receive time of a frame, by the best clock in its ancillary data."""
         for _, kind, note in notes:
             if kind == _SO_RXQ_OVFL:
                 self.overflows = int.from_bytes(note[:4], "little" if _LITTLE else "big")
@@ -356,8 +356,8 @@ def open_can(
 ) -> PythonCanPort:
     """Open the bus ``spec``: ``auto``, ``tcp``, or a SocketCAN interface such as ``vcan0`` or ``can0``.
 
-    ``auto`` is SocketCAN's vcan0 if the kernel has it, else the hub; ``tcp`` is the hub at ``host``:``port``.
-    ``fd``: with CAN FD. Raises LinkLost, in words, if the bus cannot be opened.
+    ``auto`` is SocketCAN's vcan0 if the kernel has it, else the hub; ``tcp`` is the hub at ``host``:``port``. ``fd``:
+    with CAN FD. Raises LinkLost, with the reason, if the bus cannot be opened.
     """
     kind = resolve_can(spec)
     try:
@@ -388,7 +388,9 @@ def open_can(
 def open_bus(
     interface: str, channel: str | None, options: Mapping[str, Any], *, fd: Fd | None = None
 ) -> PythonCanPort:
-    """Open any bus that python-can supports, ``fd`` with CAN FD. Raises LinkLost with the reason on failure."""
+    """Open any bus that python-can supports, with CAN FD if ``fd`` is given. Raises LinkLost with the reason on
+    failure.
+    """
     whole = {"fd": True, **options} if fd is not None else options
     stamped_by: Clock = "hardware" if interface in HARDWARE_STAMPS else "system"
     try:
@@ -435,7 +437,7 @@ def _receiver(bus: can.BusABC, fd: Fd | None, stamped_by: Clock) -> _Receiver:
 
 
 def _enlarge(sock: socket.socket) -> None:
-    """Give the socket room for some 20 000 frames, or as much as an ordinary user is allowed."""
+    """Enlarge the receive buffer to about 20 000 frames, or to the limit for an ordinary user."""
     try:
         sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
     except OSError:

@@ -1,4 +1,4 @@
-"""The car that a rig computes in its tick, as a plan sets, starts and ends its ride."""
+"""The car that a rig simulates in its tick: parameters, start and end of a ride."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ RIDES: Final = ("action.program_car", "car.wind_setpoint", "car.shear", "car.acc
 
 
 class Car(Device):
-    """A car in the loop: ``bench.car``. The springs' measured forces move it, and it moves the springs.
+    """A car in the loop: ``bench.car``. The measured forces of the springs move it, and it moves the springs.
 
-    It is a program as those of the generator are: ``bench.generator`` holds and stops it.
+    It is a program like those of the generator: ``bench.generator`` holds and stops it.
     """
 
     __slots__ = ()
@@ -81,5 +81,5 @@ class Car(Device):
         link.wait_cycles(STREAM_CYCLES, "rig.program")
 
     def wait_done(self, within: float = 10 * s) -> None:
-        """Wait until the ride has ended with its last wave; RigFault if it ended before."""
+        """Wait until the ride has ended with its last wave. Raises RigFault if it ended earlier."""
         wait_for_the_end(self._link, self.track_waves, within)

@@ -65,7 +65,7 @@ class Commander:
             self._task = every_without_late(self._clock, CYCLE, self._cycle)
 
     def stop(self) -> None:
-        """End the stream; nothing is sent after this has returned."""
+        """End the stream; nothing is sent after this returns."""
         if self._task is not None:
             self._task.cancel()
             self._task = None
@@ -84,7 +84,9 @@ class Commander:
         self.set_all({name: value})
 
     def set_all(self, values: Mapping[str, float]) -> None:
-        """Set all ``values`` together from the next cycle on. ValueError, without a change, if one does not fit."""
+        """Set all ``values`` together from the next cycle on. Raises ValueError, without a change, if one does not
+        fit.
+        """
         rows, checked = self._checked(values)
         self._wiring.begin()
         self._change(rows, checked)

@@ -1,12 +1,13 @@
-"""The cycle of the command stream, compiled: ramps, frames, and their bytes on the wire without the interpreter.
+"""The compiled cycle of the command stream: it moves set-points and encodes and sends frames without the interpreter.
 
-A plan computes, and whatever computes holds the interpreter: 47 ms and more in one call of a C library. The rig takes
-100 ms of silence for the loss of its commander. So in real time the cycle neither needs the interpreter nor waits for
-it: it sleeps, moves the set-points, encodes and writes to the socket in compiled code.
+A computation in a plan holds the interpreter: one call of a C library can take 47 ms and more. After 100 ms of silence
+the rig assumes the loss of its commander. In real time the cycle therefore does not wait for the interpreter: compiled
+code sleeps, moves the set-points, encodes and writes to the socket.
 
-It does so for a plan that lives. Python gives it a number of cycles in advance and renews them all the time; when they
-are used up, because the interpreter has been stuck for that long, nothing more is sent and the rig does what is right.
-In virtual time, and on buses that only Python can write to, Python makes each block with the same codec.
+The cycle must stop with the plan. Python therefore grants a number of cycles in advance and renews the grant
+periodically. If the grant is used up, because the interpreter was blocked for that long, nothing more is sent, and the
+rig reacts to the silence. In virtual time, and on buses that only Python can write to, Python makes each block with the
+same codec.
 """
 
 from typing import Any, Final, NamedTuple
@@ -37,7 +38,7 @@ _EXTENDED_FLAG: Final = 0x8000_0000
 
 
 class Cycle(NamedTuple):
-    """What a cycle reads and writes; ``granted`` and ``stop`` of its counts may be written without the mutex."""
+    """The data that a cycle reads and writes; its counts ``granted`` and ``stop`` may be written without the mutex."""
 
     setpoints: Setpoints
     rows: npt.NDArray[np.int64]  #: of the messages that go out
@@ -83,7 +84,7 @@ def make_block(cycle: Any, time: int) -> None:
 
 @inlined
 def _hex(text: Any, place: int, number: int, digits: int, ten: int) -> int:
-    """Write a number in so many hexadecimal ``digits``, of which ``ten`` is the first letter."""
+    """Write a number with ``digits`` hexadecimal digits; ``ten`` is the character of the digit 10."""
     for k in range(digits):
         digit = (number >> (4 * (digits - 1 - k))) & 0xF
         text[place + k] = 48 + digit if digit < 10 else ten + digit - 10
@@ -92,7 +93,7 @@ def _hex(text: Any, place: int, number: int, digits: int, ten: int) -> int:
 
 @inlined
 def _write_line(record: Any, text: Any, place: int) -> int:
-    """Write ``< send 204 8 00 11 >`` and return the place behind it."""
+    """Write ``< send 204 8 00 11 >``; return the place behind it."""
     for k, character in enumerate((60, 32, 115, 101, 110, 100, 32)):
         text[place + k] = character
     place = _hex(text, place + 7, np.int64(record.id), 8 if record.extended != 0 else 3, 65)
@@ -107,7 +108,7 @@ def _write_line(record: Any, text: Any, place: int) -> int:
 
 @inlined
 def _write_frame(record: Any, text: Any, place: int) -> int:
-    """Write a struct can_frame, little-endian, and return the place behind it."""
+    """Write a struct can_frame, little-endian; return the place behind it."""
     word = np.int64(record.id) | (_EXTENDED_FLAG if record.extended != 0 else 0)
     for k in range(4):
         text[place + k] = (word >> (8 * k)) & 0xFF
@@ -120,7 +121,7 @@ def _write_frame(record: Any, text: Any, place: int) -> int:
 
 @entry
 def write_text(frames: Any, text: Any, lines: bool) -> int:
-    """Write ``frames`` as they travel and return how many bytes they are."""
+    """Write ``frames`` in the form for the wire; return the number of bytes."""
     place = 0
     for record in frames:
         place = _write_line(record, text, place) if lines else _write_frame(record, text, place)

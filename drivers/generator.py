@@ -33,7 +33,7 @@ class Wave:
 
     @property
     def end(self) -> float:
-        """The end of the wave, s after the program's start."""
+        """The end of the wave (s after the program's start)."""
         return self.delay + self.cycles / self.frequency
 
     @property
@@ -132,7 +132,9 @@ class Generator(Device):
         self._link.wait_cycles(STREAM_CYCLES, "rig.program")
 
     def _set(self, wave: Wave) -> None:
-        """Write the settings of ``wave``. Misuse unless its amplitude fits the present control mode of its axis."""
+        """Write the settings of ``wave``. Raises Misuse unless its amplitude fits the present control mode of its
+        axis.
+        """
         wanted = self._wanted_amplitude(wave.axis)
         if list(wave.amplitudes) != [wanted]:
             got = ", ".join(wave.amplitudes) or "none"
@@ -197,7 +199,7 @@ class Generator(Device):
 
 
 def wait_for_the_end(link: Link, cycles: float, within: float) -> None:
-    """Wait until a program of so many ``cycles`` has ended by itself. Raises RigFault if it ended earlier."""
+    """Wait until a program of ``cycles`` cycles has ended by itself. Raises RigFault if it ended earlier."""
     link.wait_for_status("rig.program", ENDED, within, "end of the generator's program")
     done = link.readings.value("rig.generator_cycle")
     if not done >= cycles:

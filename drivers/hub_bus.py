@@ -233,7 +233,7 @@ class HubBus(can.BusABC):
                     _LOG.debug("%s: %s", self._where, event)
 
     def _lose(self, reason: str) -> str:
-        """Store the reason of the loss of the server if it is the first one; return the first reason."""
+        """Store the reason for the loss of the server if it is the first one; return the first reason."""
         self._lost = self._lost or f"{self._where} is lost: {reason}"
         return self._lost
 
@@ -251,7 +251,7 @@ class HubBus(can.BusABC):
 
 
 def _is_error_frame(identifier: str, stamp: str) -> bool:
-    """Distinguish ``< error 20000004 1700000000.123456 >``, a frame, from ``< error in words >``."""
+    """Return whether a line is an error frame, ``< error 20000004 1700000000.123456 >``, and not ``< error TEXT >``."""
     try:
         int(identifier, 16)
         float(stamp)

@@ -1,8 +1,8 @@
-"""A pymodbus client that several ports share, and how an answer is matched to its request.
+"""A pymodbus client that several ports share, and the assignment of answers to requests.
 
-Answers of Modbus/TCP carry the number of their request. Frames of a serial line carry none: an answer that comes after
-its time-out looks like the answer to the next request. After a lost answer such a line is therefore left silent and
-read empty, and the first answer after it is discarded.
+Answers of Modbus/TCP carry the number of their request. Frames of a serial line carry none: an answer that arrives
+after its time-out looks like the answer to the next request. After a lost answer such a line is therefore left silent
+and read empty, and the first answer after it is discarded.
 """
 
 from __future__ import annotations
@@ -40,9 +40,8 @@ _SLOWEST, _GAP_MIN = 2.0, 20 * ms
 class SharedClient:
     """A pymodbus client and its connection, for one port or several that take turns.
 
-    ``each``: the connection is opened for each request; also for a device that closes it after each answer. ``echo``:
-    a reply with another unit or transaction is not an answer. Callers of `execute`, `lose` or `hang_up` hold the
-    lock.
+    ``each``: the connection is opened for each request; also for a device that closes it after each answer. ``echo``: a
+    reply with another unit or transaction is not an answer. Callers of `execute`, `lose` or `hang_up` hold the lock.
     """
 
     def __init__(self, client: Client, where: str, *, each: bool = False, echo: bool = True) -> None:

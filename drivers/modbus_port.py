@@ -148,7 +148,7 @@ class ModbusPort:
         return found
 
     def _identification_from(self, start: int, what: str) -> tuple[dict[int, bytes], int | None]:
-        """Return the objects of one answer and the number of the object to go on with, None at the end."""
+        """Return the objects of one answer and the number of the next object, None at the end."""
         ask = self._client.read_device_information
         reply = self._ask(
             what, lambda: ask(read_code=_EXTENDED_ACCESS, object_id=start, device_id=self._unit)
@@ -158,7 +158,7 @@ class ModbusPort:
         return dict(reply.information), reply.next_object_id if reply.more_follows else None
 
     def close(self) -> None:
-        """Close the connection, unless another port is on it; the next call would open it again."""
+        """Close the connection, unless another port uses it; the next request opens it again."""
         self.line.leave(self)
 
     def _range(self, verb: str, address: int, count: int, count_max: int) -> str:
@@ -279,7 +279,7 @@ def open_serial(serial: SerialLine, *, unit: int = 1, timeout: float = 0.5) -> M
 
 
 def _timed(line: SharedClient, timeout: float) -> SharedClient:
-    """Set the time limit of each answer to ``timeout`` s, whatever the first connection had."""
+    """Set the time limit of each answer to ``timeout`` s, independent of that of the first connection."""
     for params in (line.client.comm_params, line.client.transaction.comm_params):
         params.timeout_connect = timeout
     return line

@@ -50,7 +50,7 @@ class Readings:
         self._limits = [int(limit) for limit in self._wiring.freshness]
 
     def sample(self, name: str) -> Sample:
-        """Return value, age and quality of the signal ``name``; KeyError if the table has no such signal."""
+        """Return value, age and quality of the signal ``name``. Raises KeyError if the table has no such signal."""
         row = self._table.index[self._table[name].name]
         if self._seen is not None:
             self._seen[name] = None
@@ -66,13 +66,15 @@ class Readings:
         return Sample(value, age / NS, Quality.UNAVAILABLE if math.isnan(value) else Quality.GOOD)
 
     def value(self, name: str) -> float:
-        """Return the value of ``name`` (SI), NaN unless its quality is good."""
+        """Return the value of ``name`` (SI); NaN unless its quality is good."""
         if self._seen is not None:
             self._seen[name] = None
         return self.glimpse(name) if self._limits[self._table.index[name]] else self._asked(name)
 
     def glimpse(self, name: str) -> float:
-        """Return the value as `known` does, for other threads: it is not listed in the message of a failed wait."""
+        """Return the value as `known` does, for other threads: its name does not appear in the message of a failed
+        wait.
+        """
         row = self._table.index[name]
         value, time = self._receiver.latest(row)
         return value if time >= 0 and self._clock.now() - time <= self._limits[row] else math.nan
@@ -82,7 +84,7 @@ class Readings:
         return math.nan if name in self._wiring.absent else self.value(name)
 
     def known(self, name: str) -> float:
-        """Return the value of ``name`` (SI) known without a request to the rig, else NaN."""
+        """Return the value of ``name`` (SI) known without a request to the rig; NaN if there is none."""
         return self.value(name) if self._limits[self._table.index[name]] else math.nan
 
     def unknown(self, name: str) -> str:
@@ -92,7 +94,7 @@ class Readings:
         return _quality(self.sample(name))
 
     def choice(self, name: str) -> str:
-        """Return the name of the state that the signal ``name`` has; ``"unknown"`` unless its quality is good."""
+        """Return the name of the state of the signal ``name``; ``"unknown"`` unless its quality is good."""
         value = self.value(name)
         choices = self._table[name].choices
         return choices[round(value)] if not math.isnan(value) and 0 <= value < len(choices) else UNKNOWN

@@ -1,7 +1,7 @@
-"""The receiver: every sample that comes over a wiring, in order, whatever the plan is doing meanwhile.
+"""The receiver: stores every sample from a wiring, in order, also while the plan computes.
 
-``receive`` runs in the threads of the wiring (or, in virtual time, while the clock passes), so a plan that computes for
-seconds loses nothing.
+``receive`` runs in the threads of the wiring (or, in virtual time, while the clock advances), so a plan that computes
+for seconds loses no sample.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Receiver:
         self.rates: dict[str, float] = {}
 
     def receive(self, times: Ints, rows: Ints, values: Floats, fresh: Ints | int) -> None:
-        """Take samples in order of arrival; their age counts from ``fresh`` (ns), one time for each or for all."""
+        """Store samples in order of arrival; their age counts from ``fresh`` (ns), one time for each or for all."""
         with self._lock:
             self._latest[rows] = values
             self._fresh[rows] = fresh
@@ -73,7 +73,7 @@ class Receiver:
 class Capture:
     """All samples of some signals in an interval of time; a context manager, readable inside the block and after it.
 
-    Times are seconds since the capture began, values SI.
+    Times are in seconds from the start of the capture, values in SI.
     """
 
     def __init__(self, receiver: Receiver, names: Sequence[str]) -> None:
@@ -107,7 +107,7 @@ class Capture:
         self._receiver.stop(self)
 
     def receive(self, times: Ints, rows: Ints, values: Floats) -> None:
-        """Take samples of any signals; called by the receiver."""
+        """Store samples of the captured signals; called by the receiver with samples of any signals."""
         self._size += times.size
         if self._size <= CAPTURE_SAMPLES_MAX:
             self._blocks.append((times, rows, values))
@@ -117,7 +117,7 @@ class Capture:
         return self._series(name)[0]
 
     def values(self, name: str) -> Floats:
-        """Return the samples of ``name`` (SI), NaN where the rig had no value."""
+        """Return the samples of ``name`` (SI); NaN if the rig had no value."""
         return self._series(name)[1]
 
     def aligned(self, rate: float = 200.0) -> tuple[Floats, dict[str, Floats]]:

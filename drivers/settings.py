@@ -37,7 +37,9 @@ class Settings:
     # -- settings ------------------------------------------------------------------------------------------------
 
     def number(self, name: str, value: float | str) -> float:
-        """Return ``value``, a number (SI) or the name of a choice, as a number. ValueError if it does not fit."""
+        """Return ``value``, a number (SI) or the name of a choice, as a number. Raises ValueError if it does not
+        fit.
+        """
         signal = self._table[name]
         if signal.kind is not Kind.SETTING:
             raise Misuse(f"{name} is a {signal.kind}; only settings can be written")

@@ -1,4 +1,6 @@
-"""When frames came: the time stamps of the kernel and of the interface, and their conversion to another clock."""
+"""Receive times of frames: the time stamps of the kernel and of the interface, and their conversion to another
+clock.
+"""
 
 import struct
 from typing import Final, Literal
@@ -35,7 +37,7 @@ UNCERTAINTY: Final[dict[Clock, float]] = {"hardware": 5e-6, "system": 900e-6}
 
 
 def of_notes(notes: list[tuple[int, int, bytes]]) -> tuple[int, int]:
-    """Return when a frame came (ns) by the kernel's clock and by the interface's, from ancillary data; 0 for none."""
+    """Return the receive time (ns) by the kernel's clock and by the interface's, from ancillary data; 0 if missing."""
     system = hardware = 0
     for _, kind, note in notes:
         if kind == SO_TIMESTAMPNS and len(note) >= _TIMESPEC.size:
@@ -51,14 +53,15 @@ def _nanoseconds(note: bytes, place: int) -> int:
 
 
 class StampClock:
-    """Converts time stamps of another clock to our clock. The other clock begins anywhere, drifts, and may be set.
+    """Converts time stamps of another clock to our clock. The other clock has any origin, drifts, and may be set.
 
-    No frame arrives before its stamp. Thus the smallest lag that was seen is the offset between the two clocks. A stamp
-    that is older than the one before shows that the other clock was set back, and so does a lag that stays too large.
-    A stamp in the future shows that it was set forward. No clock is compared with the time of day.
+    No frame arrives before its stamp, so the smallest observed lag is the offset between the two clocks. A stamp that
+    is older than the one before, or a lag that stays too large, shows that the other clock was set back. A stamp in the
+    future shows that it was set forward. No clock is compared with the time of day.
 
-    An offset that is wrong by less than `_NEAR` is kept, so that even stamps stay even. With ``drifts`` it follows the
-    drift of the other clock instead: for the hardware of an interface, whose stamps are exact to microseconds.
+    An offset with an error below `_NEAR` is kept, so that equidistant stamps stay equidistant. With ``drifts`` it
+    follows the drift of the other clock instead: for the hardware of an interface, whose stamps are exact to
+    microseconds.
     """
 
     def __init__(self, *, drifts: bool = False) -> None:

@@ -33,11 +33,12 @@ class Waveform(Device):
     __slots__ = ()
 
     def run(self, times: Floats, offsets: Mapping[str, Floats], *, margin: float = MARGIN) -> None:
-        """Run to the end; ``times`` (s, (n,)) rise from 0, ``offsets`` (SI, each (n,)) by the name of a reading.
+        """Run the motion to its end; ``times`` (s, (n,)) increase from 0, ``offsets`` (SI, each (n,)) are by name of a
+        reading.
 
         ``{"lateral.force": F}`` moves ``lateral.force_setpoint`` by F, which begins and ends at 0. Errors are raised
-        before the motion: Misuse for a shape, a range, a pace or a control mode, NotAvailable for a signal that the
-        rig lacks. RigFault or LinkLost stop the motion at its present position.
+        before the motion: Misuse for a wrong shape, range, rate or control mode, NotAvailable for a signal that the rig
+        lacks. RigFault or LinkLost stop the motion at its present position.
         """
         self.start(times, offsets)
         self.wait_done(within=float(times[-1]) + margin)
@@ -72,7 +73,9 @@ class Waveform(Device):
                 )
 
     def _foreseen(self, times: Floats, offsets: Mapping[str, Floats]) -> dict[str, Floats]:
-        """Return ``offsets`` at each cycle. NotAvailable if the rig lacks a signal, Misuse if it follows too slowly."""
+        """Return ``offsets`` at each cycle. Raises NotAvailable if the rig lacks a signal, Misuse if it follows too
+        slowly.
+        """
         if lacking := self._link.lacks(*(f"{name}_setpoint" for name in offsets)):
             raise NotAvailable(lacking)
         cycles = _cycles(times, offsets)

@@ -1,4 +1,4 @@
-"""C functions of which only the address is known when the program runs, such as those of a library that it is given.
+"""C functions with addresses known only at run time, such as those of a loaded library.
 
 Compiled code calls them without the interpreter. With ``NUMBA_DISABLE_JIT=1`` ctypes calls them.
 """
@@ -18,7 +18,7 @@ NUMBER: Final = ctypes.c_double, types.float64, ir.DoubleType()
 
 
 def at_address(*arguments: Any) -> Any:
-    """Return what calls the function at an address with a tuple of ``arguments``, and returns its int of C."""
+    """Return a function that calls the C function at an address with a tuple of ``arguments`` and returns its int."""
     if config.DISABLE_JIT:  # type: ignore[attr-defined]
         form = ctypes.CFUNCTYPE(ctypes.c_int, *(one[0] for one in arguments))
 

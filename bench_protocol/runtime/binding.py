@@ -113,8 +113,8 @@ def _load(cache_file: Any, load: Callable[[Any], Any], key: Any) -> Any:
 def bind(function: Any, *arguments: Any) -> Callable[..., Any]:
     """Return ``function`` compiled for the types of ``arguments``, to be called with arguments of these types only.
 
-    The check of the types takes numba up to 25 µs a call. With ``NUMBA_DISABLE_JIT=1`` the plain function is
-    returned. It receives record arrays whose fields are attributes, as in compiled code.
+    numba's check of the types takes up to 25 µs a call. With ``NUMBA_DISABLE_JIT=1`` the plain function is returned. It
+    receives record arrays whose fields are attributes, as in compiled code.
     """
     if not hasattr(function, "get_overload"):
         return lambda *given: function(*(_with_attributes(argument) for argument in given))
@@ -126,7 +126,9 @@ def bind(function: Any, *arguments: Any) -> Callable[..., Any]:
 
 
 def _with_attributes(argument: Any) -> Any:
-    """Return ``argument`` with its arrays of records, in named tuples too, as record arrays of the same memory."""
+    """Return ``argument`` with its record arrays, also in named tuples, as arrays with attributes on the same
+    memory.
+    """
     if isinstance(argument, tuple):
         return type(argument)(*(_with_attributes(part) for part in argument))
     if isinstance(argument, np.ndarray) and argument.dtype.names:

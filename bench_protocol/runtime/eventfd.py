@@ -19,10 +19,10 @@ def open_eventfd() -> Iterator[int]:
 
 
 def wake(eventfd: int) -> None:
-    """Wake its reader, from Python."""
+    """Wake the reader of the eventfd, from Python."""
     os.eventfd_write(eventfd, 1)
 
 
 def clear(eventfd: int) -> None:
-    """Reset it. Raises BlockingIOError if it was not written to."""
+    """Reset the eventfd. Raises BlockingIOError if it was not written to."""
     os.eventfd_read(eventfd)

@@ -1,4 +1,4 @@
-"""The mutex that Python locks to act between two ticks, and the tick to run without the interpreter."""
+"""The mutex that Python locks to act between two ticks; the tick locks it without the interpreter."""
 
 import ctypes
 from typing import Final
@@ -22,10 +22,10 @@ _set_protocol: Final = c_function("pthread_mutexattr_setprotocol", ctypes.c_int,
 
 
 class Mutex:
-    """A recursive mutex at ``address``, to be entered by ``with`` or by compiled code.
+    """A recursive mutex at ``address``, locked by ``with`` or by compiled code.
 
-    Who holds it inherits the priority of the tick that waits for it: a thread that no one hurries must not keep the
-    tick waiting while others have the processor.
+    Its holder inherits the priority of a waiting tick: otherwise a thread with low priority could delay the tick while
+    other threads use the processor.
     """
 
     def __init__(self) -> None:

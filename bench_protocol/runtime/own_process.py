@@ -19,7 +19,7 @@ def forget_typed(terminal: IO[str]) -> None:
 
 
 def in_the_foreground(terminal: IO[str]) -> bool:
-    """Whether keyboard input goes to this process; True if the terminal has no job control."""
+    """Return whether keyboard input goes to this process; True if the terminal has no job control."""
     try:
         return not hasattr(os, "tcgetpgrp") or os.tcgetpgrp(terminal.fileno()) == os.getpgrp()
     except OSError:  # a terminal of another session has no job control
@@ -35,5 +35,5 @@ def keep_algebra_to_one_core() -> None:
 
 
 def available_signals(*names: str) -> list[signal.Signals]:
-    """Return those of the signals ``names`` that there are; Windows has only a few."""
+    """Return the signals among ``names`` that exist on this system; Windows has only a few."""
     return [getattr(signal, name) for name in names if hasattr(signal, name)]

@@ -1,4 +1,4 @@
-"""A ring of CAN frames between the compiled tick and the servers: written by one side, drained by the other."""
+"""A ring of CAN frames between the compiled tick and the servers: written by one side, emptied by the other."""
 
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
@@ -16,7 +16,9 @@ _LOST: Final = 2
 
 
 class Ring(NamedTuple):
-    """Frames with their senders. Both sides hold the mutex: it is free almost always, and orders memory as well."""
+    """Frames with their senders. Both sides lock the mutex, which is almost always free, and also orders memory
+    accesses.
+    """
 
     frames: Block
     senders: npt.NDArray[np.int64]
@@ -29,12 +31,12 @@ class Ring(NamedTuple):
 
     @property
     def lost(self) -> int:
-        """Frames that no one fetched in time."""
+        """Number of frames that were overwritten before they were fetched."""
         return int(self.counts[_LOST])
 
 
 def _entry(function: Callable[..., Any]) -> Any:
-    """Compile ``function`` to be called from Python, which keeps the interpreter as long as it need not wait."""
+    """Compile ``function`` to be called from Python; it keeps the interpreter as long as it does not wait."""
     return cached(function)
 
 
@@ -62,7 +64,9 @@ def fill(ring: Any, mutex: int, block: Any, sender: int) -> None:
 
 @inlined
 def take(ring: Any, out: Any, senders: Any) -> int:
-    """Move the oldest frames to ``out``, their senders to ``senders``; return how many. The caller holds the mutex."""
+    """Move the oldest frames to ``out``, their senders to ``senders``; return the number. The caller holds the
+    mutex.
+    """
     size = ring.frames.size
     count = min(ring.counts[_WRITTEN] - ring.counts[_READ], out.size)
     for k in range(count):
@@ -75,7 +79,7 @@ def take(ring: Any, out: Any, senders: Any) -> int:
 
 @_entry
 def drain(ring: Any, mutex: int, out: Any, senders: Any) -> int:
-    """Move the oldest frames to ``out``; return how many. ``mutex``: address of the mutex."""
+    """Move the oldest frames to ``out``; return the number. ``mutex``: address of the mutex."""
     thread = lock_yielding(mutex)
     count = take(ring, out, senders)
     unlock_yielding(mutex, thread)

@@ -1,4 +1,4 @@
-"""The sources of a compiled function: the module that holds it, and all modules of ours that this one imports."""
+"""The sources of a compiled function: its module, and all own modules that this one imports."""
 
 import hashlib
 from functools import cache
@@ -18,10 +18,10 @@ _DOCSTRING: Final = 0x4000000
 
 @cache
 def digest_of(*modules: str) -> str | None:
-    """Return a digest of what ``modules`` can compile, or None if one of them cannot be read.
+    """Return a digest of the code in ``modules`` that can be compiled; None if one of them cannot be read.
 
     It changes with the code of these modules, with the code of the modules that they import, and with the rate of the
-    tick. Comments, docstrings and line numbers do not count: compiling the model takes minutes.
+    tick. Comments, docstrings and line numbers have no effect, because compiling the model takes minutes.
     """
     found: set[str] = set()
     unread = list(modules)
@@ -64,7 +64,7 @@ def _imported(module: str) -> frozenset[str]:
 
 
 def _without_documentation(code: Any) -> Any:
-    """Return what a constant or a code object means: its instructions with all names and constants."""
+    """Return the content of a constant or a code object: its instructions with all names and constants."""
     if not isinstance(code, CodeType):
         return sorted(map(repr, code)) if isinstance(code, frozenset) else code
     constants = [_without_documentation(constant) for constant in code.co_consts]
@@ -77,7 +77,7 @@ def _without_documentation(code: Any) -> Any:
 
 
 def _place_of_docstring(code: CodeType) -> int | None:
-    """Return which constant is the docstring, if one is: in a class, its name comes first."""
+    """Return the index of the docstring among the constants, if there is one; in a class, its name precedes it."""
     if code.co_flags & _FUNCTION:
         return 0 if code.co_consts and isinstance(code.co_consts[0], str) else None
     if "__doc__" not in code.co_names:

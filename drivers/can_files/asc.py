@@ -1,6 +1,6 @@
 """ASC, the text log of CANalyzer, CANoe and many others.
 
-The form: Vector's "CAN Logging Files, ASCII format"; what people's files have is in the table of the tests.
+The format is that of Vector's "CAN Logging Files, ASCII format"; a table in the tests has the variants in users' files.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ def _count_other_line(log: _Log, line: Line, word: str) -> bool:
 
 
 def _classic(log: _Log, line: Line, words: list[str]) -> None:
-    """``1  100x  Rx  d 8 00 01 …``: channel, identifier, direction, kind, length, data."""
+    """Add a frame ``1  100x  Rx  d 8 00 01 …``: channel, identifier, direction, kind, length, data."""
     if _count_other_line(log, line, words[1]):
         return
     direction, kind = [*words[2:4], "", ""][:2]
@@ -158,7 +158,9 @@ def _classic(log: _Log, line: Line, words: list[str]) -> None:
 
 
 def _fd(log: _Log, line: Line, words: list[str]) -> None:
-    """``1 Rx  101  [name]  1 0 8  8 00 …  duration bits flags``: with BRS, ESI, DLC and bytes before the data."""
+    """Add a frame ``1 Rx  101  [name]  1 0 8  8 00 …  duration bits flags``: with BRS, ESI, DLC and length before the
+    data.
+    """
     if any(_count_other_line(log, line, word) for word in words[2:3]):
         return
     if len(words) > 1 and words[1].lower() == "txrq":

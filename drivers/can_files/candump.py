@@ -1,4 +1,4 @@
-"""candump's logs: its log form (-l, -L) and its lines for people (-ta, -tA, -td, -tz, -x, -e, -a, -S, -c)."""
+"""candump's logs: its log form (-l, -L) and its screen output (-ta, -tA, -td, -tz, -x, -e, -a, -S, -c)."""
 
 from __future__ import annotations
 

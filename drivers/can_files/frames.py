@@ -1,4 +1,4 @@
-"""The data frames of a log in the order of their times, compactly: a day of a busy bus fits into memory."""
+"""The data frames of a log in order of time, stored compactly: a day of a busy bus fits into memory."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ _BATCH: Final = 4096
 
 
 class CanLogError(Exception):
-    """A file of CAN frames that cannot be read or written; the text names it and states why."""
+    """A file of CAN frames cannot be read or written; the text names it and the reason."""
 
 
 class Kind(NamedTuple):
-    """What frames have in common: the channel as the log calls it, the identifier, and the format."""
+    """Common properties of frames: the channel as named in the log, the identifier, and the format."""
 
     channel: str
     identifier: int
@@ -27,7 +27,7 @@ class Kind(NamedTuple):
 
 
 class Frames:
-    """Frames of one log; ``unit`` is what its places are: lines, or frames."""
+    """Frames of one log; ``unit`` is the unit of their places: lines or frames."""
 
     def __init__(self, unit: str = "line") -> None:
         self.unit = unit
@@ -41,7 +41,7 @@ class Frames:
         self._order: np.ndarray | None = None
 
     def add(self, time: int, kind: Kind, data: bytes, place: int) -> None:
-        """Add a frame behind the others."""
+        """Append a frame."""
         self.times.append(time)
         self.places.append(place)
         self.which.append(self.kinds.setdefault(kind, len(self.kinds)))
@@ -52,11 +52,11 @@ class Frames:
         return len(self.times)
 
     def sort(self) -> None:
-        """Put the frames in the order of their times; those of one time stay in that of the file."""
+        """Sort the frames by time; frames with equal times stay in the order of the file."""
         self._order = np.argsort(np.frombuffer(self.times, np.int64), kind="stable")
 
     def counts(self) -> dict[Kind, int]:
-        """Return how many frames of each kind there are."""
+        """Return the number of frames of each kind."""
         numbers = np.bincount(np.frombuffer(self.which, np.dtype("l")), minlength=len(self.kinds))
         return {kind: int(numbers[index]) for kind, index in self.kinds.items()}
 
@@ -69,7 +69,7 @@ class Frames:
             yield self.times[index], kinds[self.which[index]], data
 
     def blocks(self, kept: Callable[[Kind], bool]) -> Iterator[Block]:
-        """Yield blocks of the classic frames whose kind is ``kept``."""
+        """Yield blocks of the classic frames with a kind for which ``kept`` is True."""
         rows = []
         for time, kind, data in self:
             if kind.fd or not kept(kind):

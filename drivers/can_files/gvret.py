@@ -1,4 +1,4 @@
-"""SavvyCAN's logs in the form of GVRET: a table with time in µs, identifier, length and a column for each byte."""
+"""SavvyCAN's logs in GVRET format: a table with time in µs, identifier, length and a column for each byte."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _FLAGS: Final = {"true": True, "1": True, "false": False, "0": False}
 
 
 def is_gvret(path: Path) -> bool:
-    """Return whether a file begins with the head of such a log, whatever it is called."""
+    """Return whether a file begins with the head of such a log, whatever its name."""
     try:
         first = next(lines_of(path, Account()), None)
     except CanLogError:
@@ -25,7 +25,7 @@ def is_gvret(path: Path) -> bool:
 
 
 def read_gvret(path: Path, account: Account) -> Frames:
-    """Return the data frames of a log. CanLogError for a head that lacks a column."""
+    """Return the data frames of a log. Raises CanLogError for a head that lacks a column."""
     lines, frames = lines_of(path, account), Frames()
     head = next(lines, None)
     names = [] if head is None else [name.strip() for name in head.text.split(",")]

@@ -1,4 +1,4 @@
-"""Frames in MDF 4, as CANape, CANoe and small loggers write them, by python-can's reader; the rest is counted here."""
+"""Frames in MDF 4 files of CANape, CANoe and small loggers, by python-can's reader; other content is counted here."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ _EXTENDED: Final = f"{_DATA}.IDE"
 
 
 def read_mdf_frames(path: Path, account: Account) -> Frames:
-    """Return the data frames of an MDF 4 file with raw bus logging. CanLogError for one without, or without asammdf."""
+    """Return the data frames of an MDF 4 file with raw bus logging. Raises CanLogError for other files or without
+    asammdf.
+    """
     with opened(path) as file:
         if file.read(len(_MDF)) != _MDF:  # python-can's reader would not close it
             raise CanLogError(

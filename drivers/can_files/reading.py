@@ -60,16 +60,16 @@ _UNIX: Final = 10**17  #: ns; earlier times do not count from 1970
 
 
 def frames_form(path: Path, dbc: bool) -> FileForm | None:
-    """Return the form of a log of frames; None for another file, which an MDF file is without a ``dbc``."""
+    """Return the form of a log of frames; None for any other file, and for an MDF file without a ``dbc``."""
     form = form_of(path, FORMS)
     return form if form is None or form.write is not None or form.recognises is not None or dbc else None
 
 
 def read_log(path: Path, account: Account, stamps: Stamps | None = None) -> Frames:
-    """Return the data frames of a log, in the order of their times; all others are counted in ``account``.
+    """Return the data frames of a log, in order of time; all others are counted in ``account``.
 
-    ``stamps`` gives the meaning of those of a candump, if the file does not state it. Raises CanLogError for a file
-    of another format, for a log without a frame, and for a clock that goes back or jumps.
+    ``stamps`` gives the meaning of the stamps of a candump, if the file does not state it. Raises CanLogError for a
+    file of another format, for a log without a frame, and for a clock that goes back or jumps.
     """
     form = form_of(path, FORMS)
     if form is None or form.read is None:
@@ -85,7 +85,7 @@ def read_log(path: Path, account: Account, stamps: Stamps | None = None) -> Fram
 
 
 def _without(path: Path, ending: str, account: Account) -> str:
-    """Return why a file has no frame."""
+    """Return why a file has no frame, as text."""
     if UNKNOWN not in account.counts:
         told = f" ({account.left_out})" if account.counts else ""
         return f"{path} holds no data frame{told}"
@@ -95,7 +95,7 @@ def _without(path: Path, ending: str, account: Account) -> str:
 
 
 def log_of_others(path: Path) -> str:
-    """Return the format of a log that is unsupported, or has another ending, by its first bytes; empty if unknown."""
+    """Return the format of a log that is unsupported, or has another ending, by its first bytes; "" if unknown."""
     try:
         first = next(lines_of(path, Account()), None)
     except CanLogError:

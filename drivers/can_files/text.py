@@ -49,7 +49,7 @@ class Line(NamedTuple):
 
 
 class _Unpacked(gzip.GzipFile):
-    """A packed log. Raises Unfit if it unpacks to more than is read of a file of its size."""
+    """A gzip log. Raises Unfit if it unpacks to more than the limit for a file of its size."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, "rb")
@@ -137,7 +137,7 @@ def nanoseconds(text: str) -> int | None:
 
 
 def hex_bytes(words: list[str], count: int) -> bytes | None:
-    """Return ``count`` bytes of two hexadecimal digits each; None if they are not all there."""
+    """Return ``count`` bytes of two hexadecimal digits each; None if some are missing."""
     text = " ".join(words[:count])
     if len(words) < count or len(text) != max(3 * count - 1, 0) or text[2::3].strip():
         return None

@@ -127,7 +127,7 @@ class Outlet(ABC):
 
     @abstractmethod
     def send(self, values: Floats, time: int) -> None:
-        """Send set-points: ``values`` (SI) by table row, NaN where nothing is set yet. Raises LinkLost on failure."""
+        """Send set-points: ``values`` (SI) by table row, NaN if not set yet. Raises LinkLost on failure."""
 
     def send_cyclic(self, stream: CyclicStream) -> Task | None:
         """Send on every cycle from now on, in compiled code that does not wait for the interpreter.

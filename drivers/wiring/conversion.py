@@ -21,7 +21,7 @@ Number = int | float
 
 
 class Calibration(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """The key ``calibration`` of a signal: a straight line, or a table between whose rows lines are drawn."""
+    """The key ``calibration`` of a signal: a straight line, or a table with linear interpolation."""
 
     gain: Number | str = 1.0  #: a number, or "9.80665 N/kg" to convert into another quantity
     offset: Number | str = 0.0  #: added after the gain: a number in the unit, or "0.01 bar"
@@ -30,10 +30,10 @@ class Calibration(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class Conversion(Protocol):
-    """A rig's number and its SI value, or the number of a choice."""
+    """A mapping between a rig's number and its SI value, or the number of a choice."""
 
     def si(self, number: float) -> float:
-        """Return the SI value; NaN for NaN, and for a number that is no choice."""
+        """Return the SI value; NaN for NaN, and for a number that is not a choice."""
 
     def number(self, value: float) -> float:
         """Return the rig's number for an SI value; NaN for NaN, and for a choice that the rig does not have."""
@@ -109,7 +109,7 @@ def conversion(
     calibration: Calibration | None,
     choices: Mapping[str, ChoiceNumbers],
 ) -> Conversion:
-    """Return how the number of the rig for ``signal`` becomes SI; WiringError, which begins with ``where``."""
+    """Return the conversion of the rig's numbers for ``signal``. Raises WiringError, which begins with ``where``."""
     if signal.choices:
         for key, given in (("unit", unit), ("calibration", calibration), ("sign", sign != 1)):
             if given:
@@ -127,7 +127,10 @@ def conversion(
 
 
 def quantity(where: str, text: str, si: str, *, difference: bool = False) -> float:
-    """Return "25 mm" in SI (of a ``difference``: 1 degC is 1 K); WiringError, which begins with ``where``."""
+    """Return a text such as "25 mm" in SI; for a ``difference``, 1 degC is 1 K.
+
+    Raises WiringError, which begins with ``where``.
+    """
     number, _, unit = text.strip().partition(" ")
     try:
         value = float(number)
@@ -142,7 +145,7 @@ def quantity(where: str, text: str, si: str, *, difference: bool = False) -> flo
 
 
 def unit_of(where: str, unit: str, si: str) -> Unit:
-    """Return a unit by its name; WiringError, which begins with ``where``, unless it is one of ``si``."""
+    """Return a unit by its name. Raises WiringError, which begins with ``where``, unless it is a unit of ``si``."""
     found = UNITS.get(unit)
     right = ", ".join(name for name, one in UNITS.items() if one.si == si)
     if found is None:
@@ -157,7 +160,7 @@ def _example(si: str) -> str:
 
 
 def _line(where: str, signal: Signal, unit: str, sign: int, calibration: Calibration) -> Linear:
-    """Return unit, calibration and sign of a straight line as one."""
+    """Return unit, calibration and sign as one straight line."""
     gain, of, into = _gain(where, calibration.gain)
     if not unit and signal.unit != "1":
         raise WiringError(
@@ -194,7 +197,7 @@ def _unit(where: str, signal: Signal, unit: str) -> Unit:
 
 
 def _gain(where: str, gain: Number | str) -> tuple[float, str, str]:
-    """Return the number of a gain and its units ("9.80665 N/kg": of kg, into N), empty where it has none."""
+    """Return the number of a gain and its two units ("9.80665 N/kg": from kg to N); "" for missing units."""
     number, _, units = gain.strip().partition(" ") if isinstance(gain, str) else (str(gain), "", "")
     into, _, of = units.strip().rpartition("/")
     try:

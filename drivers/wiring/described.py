@@ -271,7 +271,7 @@ class DescribedWiring(Outlet):
             self._streaming.begin(self._clock)
 
     def send(self, values: Floats, time: int) -> None:
-        """Stream set-points (SI, by table row, NaN where nothing is set) with the offsets of the player."""
+        """Stream set-points (SI, by table row, NaN if not set) with the offsets of the player."""
         offsets: Mapping[int, float] = {}
         with self._lock:
             self._setpoints = values.copy()

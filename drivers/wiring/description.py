@@ -41,7 +41,7 @@ _NOT_MENTIONED: Final = "the wiring does not mention it"
 
 
 def read_description(path: Path, table: Table) -> Description:
-    """Return what the wiring file ``path`` says."""
+    """Return the content of the wiring file ``path``."""
     try:
         content = read_toml(path)
     except OSError as error:
@@ -151,7 +151,7 @@ class _Reader:
         )
 
     def _direct(self) -> str:
-        """Return the name of the transport that carries what no line is for; "" if there is none."""
+        """Return the name of the transport for all signals without a line; "" if there is none."""
         transports = self._keys.transports
         if not transports:
             raise WiringError(
@@ -203,7 +203,7 @@ class _Reader:
                         found[name] = self._entry(name, found), entry
 
     def _entry(self, name: str, others: Collection[str]) -> str:
-        """Return where the line of a signal stands; WiringError for one that the file must not have."""
+        """Return the place of a signal's line. Raises WiringError for a line that the file must not have."""
         where = f'{self._head}signals."{name}"'
         if name not in self._table.index:
             raise WiringError(f"{where} is not a signal; {did_you_mean(name, self._table.index)}")
@@ -366,7 +366,7 @@ _KEYS: Final = {
 
 
 def _given(entry: SignalEntry) -> list[str]:
-    """Return the keys of a line that are not as they are by default."""
+    """Return the keys of a line that differ from their defaults."""
     fields = msgspec.structs.fields(SignalEntry)
     default = SignalEntry()
     return [one.encode_name for one in fields if getattr(entry, one.name) != getattr(default, one.name)]

@@ -1,4 +1,4 @@
-"""An event loop in its own thread, for transports on libraries that have nothing else."""
+"""An event loop in its own thread, for transports on asynchronous libraries."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class EventLoop:
         self._thread.start()
 
     def run(self, work: Coroutine[Any, Any, T], within: float) -> T:
-        """Return what ``work`` returns; TimeoutError after ``within`` s."""
+        """Run ``work`` and return its result. Raises TimeoutError after ``within`` s."""
         waited = asyncio.wait_for(work, within)
         return asyncio.run_coroutine_threadsafe(waited, self._loop).result(within + _GRACE)
 
@@ -32,7 +32,7 @@ class EventLoop:
         asyncio.run_coroutine_threadsafe(work, self._loop)
 
     def stop(self) -> None:
-        """End the loop, and what still runs in it."""
+        """End the loop and all work that still runs in it."""
 
         async def cancel() -> None:
             rest = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]

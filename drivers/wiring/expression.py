@@ -1,6 +1,6 @@
 """A small expression over the points of a signal: numbers, names, + - * /, parentheses, min, max and abs.
 
-It is walked as a tree and never handed to the interpreter: a wiring file is data.
+It is evaluated as a tree and never executed as Python code, because a wiring file is data.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ _LENGTH_MAX: Final = 500
 
 
 def expression(where: str, text: str, names: Sequence[str]) -> Combine:
-    """Return ``text`` as a function of the values of ``names``; a division by 0 is NaN.
+    """Return ``text`` as a function of the values of ``names``; a division by 0 gives NaN.
 
-    WiringError, which begins with ``where``, for an unknown name and for anything but arithmetic.
+    Raises WiringError, which begins with ``where``, for an unknown name and for anything but arithmetic.
     """
     if len(text) > _LENGTH_MAX:
         raise WiringError(
@@ -58,13 +58,13 @@ def expression(where: str, text: str, names: Sequence[str]) -> Combine:
 
 
 class _Reader:
-    """Turns the nodes of a tree into functions of the values."""
+    """Converts the nodes of a tree to functions of the values."""
 
     def __init__(self, where: str, names: tuple[str, ...]) -> None:
         self._where, self._names = where, names
 
     def read(self, node: ast.expr) -> Combine:
-        """Return what ``node`` computes."""
+        """Return ``node`` as a function of the values."""
         match node:
             case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
                 constant = float(number)

@@ -39,7 +39,7 @@ class CapabilitiesTable(msgspec.Struct, forbid_unknown_fields=True, frozen=True)
 
 
 class PlayerTable(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """The table ``[player]``: what the waves that the bench streams may be."""
+    """The table ``[player]``: limits for the waves that the bench streams."""
 
     lever: str = "1 m"  #: distance from the middle to a vertical actuator
     speed: str = "0.6 m/s"  #: highest rate of a displacement wave

@@ -30,7 +30,7 @@ def _read(table: Table) -> Description:
 def own_description(
     *, table: Table = TABLE, absent: Mapping[str, str] | None = None, **ports: Mapping[str, Any]
 ) -> Description:
-    """Return how a rig that uses ``table`` is described, ``absent`` what it lacks of that, with the reasons.
+    """Return the description of a rig that uses ``table``; ``absent`` are the signals that it lacks, with the reasons.
 
     ``ports`` are the keys ``can`` and ``modbus`` of its transport.
     """

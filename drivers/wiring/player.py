@@ -1,7 +1,7 @@
-"""The player: the waves of a function generator, added by the bench to its set-points where a rig has none.
+"""The player: a function generator in the bench, which adds waves to the set-points of a rig without a generator.
 
-It answers for the settings ``generator.*`` and the actions ``action.program_*`` as a rig's own generator would, with
-the same waves. It is moved on in every cycle of the set-points.
+It accepts the settings ``generator.*`` and the actions ``action.program_*`` as a rig's own generator does, with the
+same waves. It advances with every cycle of the set-points.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def waveform(wave: str, phase: float, cycles: float) -> float:
 
 @dataclass(slots=True)
 class _Wave:
-    """One wave of a program, and how far it has come (cycles since its start, below 0 before)."""
+    """One wave of a program, and its phase (cycles since its start, negative before)."""
 
     form: str
     frequency: float
@@ -74,7 +74,7 @@ class _Wave:
 
     @classmethod
     def of(cls, settings: Mapping[str, float], heights: Mapping[int, float]) -> _Wave:
-        """Return the wave that is set, before its start."""
+        """Return the wave of these settings, before its start."""
         frequency, delay = settings["generator.frequency"], settings["generator.delay"]
         form = WAVES[round(settings["generator.wave"])]
         return cls(form, frequency, settings["generator.cycles"], -frequency * delay, heights)
@@ -110,7 +110,7 @@ class Player:
         return self._program in (Program.RUN, Program.HOLD)
 
     def state(self) -> dict[str, float]:
-        """Return what the program says of itself, and its settings (SI)."""
+        """Return the state of the program, and its settings (SI)."""
         with self._lock:
             cycle = float(math.floor(max(self._waves[-1].phase, 0.0))) if self._waves else 0.0
             return {"rig.program": float(self._program), "rig.generator_cycle": cycle, **self._settings}
@@ -123,7 +123,9 @@ class Player:
     # -- actions -------------------------------------------------------------------------------------------------
 
     def add(self, modes: Mapping[str, float], setpoints: Floats, *, active: bool) -> None:
-        """Keep the wave that is set: the next :meth:`run` starts all that were kept. Refused as that is."""
+        """Store the wave of the present settings; the next :meth:`run` starts all stored waves. Raises Refused as that
+        does.
+        """
         with self._lock:
             if not active:
                 raise _refused("add", "the bench is not ACTIVE; arm it first")
@@ -136,10 +138,11 @@ class Player:
             self._kept = kept
 
     def run(self, modes: Mapping[str, float], setpoints: Floats, *, active: bool) -> None:
-        """Start the wave that is set, or all that were added, or go on with the program that is held.
+        """Start the wave of the present settings, or all added waves, or resume a held program.
 
-        ``modes``: the control modes in force by the name of their setting; ``setpoints`` (SI) by table row. Refused
-        in words for what a generator would refuse, NotAvailable for a set-point that the rig does not have.
+        ``modes``: the control modes in force by the name of their setting; ``setpoints`` (SI) by table row. Raises
+        Refused, with the reason, for a wave that a generator would refuse, NotAvailable for a set-point that the rig
+        lacks.
         """
         with self._lock:
             if not active:
@@ -154,7 +157,7 @@ class Player:
             self._time, self._program = None, Program.RUN
 
     def hold(self) -> None:
-        """Freeze the wave where it is."""
+        """Freeze the wave at its present phase."""
         with self._lock:
             if self._program is not Program.RUN:
                 raise _refused("hold", "no program runs")
@@ -174,9 +177,9 @@ class Player:
     # -- each cycle of the set-points ---------------------------------------------------------------------------------
 
     def advance(self, time: int, *, active: bool) -> dict[int, float]:
-        """Move the program on to ``time`` (ns); return what to add to the set-points (SI) by table row.
+        """Advance the program to ``time`` (ns); return the offsets of the set-points (SI) by table row.
 
-        A bench that is not ACTIVE any more has no program: its set-points are taken over again before the next.
+        A bench that is no longer ACTIVE has no program: its set-points are taken over again before the next one.
         """
         with self._lock:
             time = self._played(time)
@@ -200,7 +203,7 @@ class Player:
             return dict(offsets)
 
     def _played(self, time: int) -> int:
-        """Return how long there have been set-points (ns), without what a stall took: no wave jumps over it."""
+        """Return the time (ns) with set-points, without stalls, so that no wave jumps."""
         if self._last is not None:
             self._elapsed += min(time - self._last, _STEP_MAX)
         self._last = time
@@ -228,7 +231,7 @@ class Player:
     def _possible(
         self, asked: Sequence[Mapping[str, float]], modes: Mapping[str, float], setpoints: Floats, verb: str
     ) -> list[_Wave]:
-        """Return the waves that are ``asked`` for, by their settings; Refused if one cannot be, or not all at once."""
+        """Return the waves of the settings ``asked``. Raises Refused if one is invalid, or if they are together."""
         waves = [_Wave.of(settings, self._heights_of(settings, modes, verb)) for settings in asked]
         self._refuse_steep(waves, verb)
         self._refuse_far(waves, setpoints, verb)
@@ -237,7 +240,9 @@ class Player:
     def _heights_of(
         self, settings: Mapping[str, float], modes: Mapping[str, float], verb: str
     ) -> dict[int, float]:
-        """Return the amplitude (SI) by table row of the set-points that its axis moves in its present control mode."""
+        """Return the amplitude (SI), by table row, of the set-points that its axis moves in the present control
+        mode.
+        """
         axis = AXES[round(settings["generator.axis"])]
         control, moved = _MOVES[axis]
         number = modes.get(control, math.nan) if control else CONTROL_MODES.index("displacement")
@@ -265,7 +270,9 @@ class Player:
         return heights
 
     def _refuse_steep(self, waves: Sequence[_Wave], verb: str) -> None:
-        """Refuse waves that are too fast for a stream, or whose peaks together are for the wiring's ``[player]``."""
+        """Raise Refused for waves that are too fast for a stream, or with peaks beyond the limits of ``[player]``
+        together.
+        """
         speeds: dict[int, float] = {}
         for wave in waves:
             if wave.frequency * POINTS_MIN > COMMAND_RATE:

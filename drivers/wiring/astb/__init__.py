@@ -1,1 +1,1 @@
-"""Transports to a rig that uses our own table: CAN, Modbus, the watchdog, and why it refuses."""
+"""Transports to a rig that uses our own table: CAN, Modbus, the watchdog, and reasons for refusals."""

@@ -13,7 +13,7 @@ Port = Annotated[int, Meta(ge=1, le=65535)]
 
 
 class Can(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """Where the CAN bus of the rig is."""
+    """The address of the rig's CAN bus."""
 
     bus: str = "auto"  #: auto | tcp | the name of a SocketCAN interface
     host: str = "127.0.0.1"
@@ -21,7 +21,7 @@ class Can(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class Modbus(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """Where the Modbus/TCP server of the rig is."""
+    """The address of the rig's Modbus/TCP server."""
 
     host: str = "127.0.0.1"
     port: Port = 15020

@@ -39,7 +39,7 @@ _READ_TRIES: Final = (3, 20)
 
 
 def single(value: float) -> float:
-    """Return ``value`` as an IEEE-754 single carries it."""
+    """Return ``value`` rounded to an IEEE-754 single."""
     return float(_SINGLE.unpack(_SINGLE.pack(value))[0])
 
 
@@ -187,7 +187,7 @@ class AstbRegisters:
         )
 
     def _readings_now(self, names: Sequence[str]) -> dict[str, float]:
-        """Return several readings (SI) of one step, NaN where the rig has no value."""
+        """Return several readings (SI) of one step; NaN if the rig has no value."""
         here = [self._floats[name] for name in names if name not in self._absent]
         return dict.fromkeys(names, math.nan) | self._one_step(here)
 
@@ -196,7 +196,7 @@ class AstbRegisters:
         return self._port.read_discrete(self._contacts[name].address, 1)[0]
 
     def reading(self, name: str) -> float:
-        """Return one reading or setting in force (SI) through Modbus, NaN where the rig has no value."""
+        """Return one reading or setting in force (SI) through Modbus; NaN if the rig has no value."""
         if name in self._absent:
             return math.nan
         return from_words(*self._port.read_input(self._floats[name].address, 2))
@@ -257,7 +257,9 @@ class AstbRegisters:
         return found
 
     def take_lease(self) -> int:
-        """Become the commander; return the token from the rig. ``NotCommander`` if another client has the lease."""
+        """Become the commander; return the token from the rig. Raises ``NotCommander`` if another client has the
+        lease.
+        """
         self._lease([_ASK])
         self._token = self.holder()
         return self._token

@@ -114,7 +114,7 @@ def why_settings(changed: Collection[str], rig: RigState) -> str:
 
 
 def _why_held(rig: RigState, pressure_max: float) -> str:
-    """Return why it is forbidden to reach under the bolster."""
+    """Return why a change at the springs, under the bolster, is refused."""
     if rig.state in _ENGAGED:
         return f"the bench is in {rig.state}, so the actuators hold the bolster; disarm the bench first"
     measured = {name: rig.readings.get(name, math.nan) for name in _CHAMBERS}

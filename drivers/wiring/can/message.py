@@ -52,17 +52,17 @@ class Message:
 
     @property
     def j1939(self) -> bool:
-        """Whether it is identified by its group, for any sender."""
+        """Whether the message is identified by its group, for any sender."""
         return self.decoding.message.j1939
 
     @property
     def fd(self) -> bool:
-        """Whether it is a frame of CAN FD, where the bus has those."""
+        """Whether the message is a CAN FD frame, if the bus supports them."""
         return bool(self.coding.is_fd) or self.coding.length > LENGTH_MAX
 
     @property
     def identifier(self) -> int:
-        """The identifier with which it is sent."""
+        """The identifier of sent frames."""
         own = self.j1939 and self.keys.source is not None
         return self.coding.frame_id & ~0xFF | (self.keys.source or 0) if own else self.coding.frame_id
 
@@ -140,7 +140,7 @@ class Message:
         return bits & mask == _shifted(self._place(self.checksum(self.identifier, bare)), more)
 
     def _place(self, checksum: int) -> int:
-        """Return the bits of a frame that has only the checksum ``checksum``."""
+        """Return the bits of a frame in which only the checksum is set, to ``checksum``."""
         bits = self._placed.get(checksum)
         if bits is None:
             assert self.checksum_coding is not None and self.keys.checksum is not None

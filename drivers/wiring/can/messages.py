@@ -1,4 +1,4 @@
-"""The messages of a CAN transport: from a DBC or from bits in the description, coded by cantools, guarded by scheme."""
+"""The messages of a CAN transport: from a DBC or the bits of the description, coded by cantools and protected."""
 
 from __future__ import annotations
 
@@ -36,7 +36,9 @@ _STALE_MIN: Final = 100 * ms
 def read_messages(
     where: str, table: Mapping[str, Any], directory: Path, functions: Path | None, stale: float | None
 ) -> dict[str, Message]:
-    """Return the messages of a description by name; WiringError, with ``where``, for what cannot be."""
+    """Return the messages of a description by name. Raises WiringError, which begins with ``where``, for an invalid
+    one.
+    """
     tables = dict(table.get("messages", {}))
     common = convert(f'{where}.messages."{_ALL}"', tables.pop(_ALL, {}), CommonKeys)
     keys = {name: convert(f"{where}.messages.{name}", one, MessageKeys) for name, one in tables.items()}
@@ -95,7 +97,7 @@ def read_messages(
 
 
 def _described(name: str, coding: Coding, by_file: Described | None, j1939: object) -> Described:
-    """Return a message as it is to be decoded; ``j1939`` is what the wiring says of all with 29 bits."""
+    """Return a message for decoding; ``j1939`` is the wiring's key for all messages with 29 bits."""
     one = by_file or Described(name, coding)
     return one if j1939 is None else replace(one, j1939=bool(j1939 and coding.is_extended_frame))
 
@@ -218,7 +220,9 @@ def _check_points(
 def _same_identifiers(
     where: str, codings: Mapping[str, Coding], described: Mapping[str, Described]
 ) -> dict[str, str]:
-    """Return why messages of the DBC with one identifier cannot be used; WiringError where one is described here."""
+    """Return why messages of the DBC with equal identifiers cannot be used. Raises WiringError if one is described
+    here.
+    """
     seen: dict[tuple[int, bool], str] = {}
     refused: dict[str, str] = {}
     for name, coding in codings.items():
@@ -286,7 +290,7 @@ def _message(
 
 
 def _raw_null(where: str, signal: Signal, null: float) -> float:
-    """Return what a signal holds that was given ``null``: of -999.9 a float of 32 bits has only the nearest."""
+    """Return the value that a signal holds for ``null``: a 32-bit float holds only the nearest one to -999.9."""
     if signal.conversion.is_float:
         letter = {16: ">e", 32: ">f"}.get(signal.length, ">d")
         try:
@@ -307,7 +311,7 @@ def _raw_null(where: str, signal: Signal, null: float) -> float:
 
 
 def _guard(where: str, message: Message, functions: Path | None) -> None:
-    """Give ``message`` its counter and checksum."""
+    """Add counter and checksum to ``message``."""
     keys, coding = message.keys, message.coding
     names = [signal.name for signal in coding.signals]
     guard = None if keys.checksum is None else convert(f"{where}.checksum", keys.checksum, ChecksumKeys)
@@ -356,7 +360,7 @@ def _known(where: str, signal: str, names: Iterable[str]) -> None:
 
 
 def _limits(signal: Signal) -> tuple[float, float]:
-    """Return the least and the greatest number that a signal can carry and may have."""
+    """Return the smallest and the largest number that a signal can carry and may have."""
     if signal.conversion.is_float:
         low, high = -math.inf, math.inf
     else:

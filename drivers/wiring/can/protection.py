@@ -1,4 +1,4 @@
-"""How CAN messages are protected against loss, repetition and corruption: counters and checksums by scheme."""
+"""Protection of CAN messages against loss, repetition and corruption: counters and checksums by scheme."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class ChecksumKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 def checksum(where: str, keys: ChecksumKeys, extended: bool, functions: Path | None) -> Checksum:
-    """Return what computes the checksum; WiringError for a scheme that no one knows."""
+    """Return the function that computes the checksum. Raises WiringError for an unknown scheme."""
     scheme, _, name = keys.scheme.partition(":")
     if scheme not in ("sum8", "xor8", "e2e_p1", "function"):
         raise WiringError(

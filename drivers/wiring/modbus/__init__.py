@@ -1,1 +1,1 @@
-"""The transport on Modbus: points in registers, how they are read in groups and how they are written."""
+"""The transport on Modbus: points in registers, read in groups and written in as few requests as possible."""

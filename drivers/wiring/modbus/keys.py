@@ -31,7 +31,7 @@ RTU: Final = "modbus_rtu"
 
 
 class GroupKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """Points that are read together, again and again."""
+    """Points that are read together, periodically."""
 
     every: str
     stale: str | None = None
@@ -65,7 +65,7 @@ class ModbusKeys(CommonKeys, frozen=True, kw_only=True):
 
 
 class RtuKeys(CommonKeys, frozen=True, kw_only=True):
-    """The keys under ``[transports.NAME]`` for frames of a serial line: on one, or over TCP."""
+    """The keys under ``[transports.NAME]`` for serial frames, on a serial line or over TCP."""
 
     line: str | None = None
     host: str | None = None
@@ -76,7 +76,7 @@ class RtuKeys(CommonKeys, frozen=True, kw_only=True):
 
 
 def read_keys(where: str, table: Mapping[str, Any]) -> ModbusKeys | RtuKeys:
-    """Return the keys in ``table``; WiringError, which begins with ``where``, for what cannot be."""
+    """Return the keys in ``table``. Raises WiringError, which begins with ``where``, for invalid keys."""
     if table.get("kind") != RTU:
         return convert(where, table, ModbusKeys)
     keys = convert(where, table, RtuKeys)
@@ -100,12 +100,12 @@ def read_keys(where: str, table: Mapping[str, Any]) -> ModbusKeys | RtuKeys:
 
 
 def place_of(keys: ModbusKeys | RtuKeys) -> str:
-    """Return where the device is, for people."""
+    """Return the address of the device as text."""
     return keys.line if isinstance(keys, RtuKeys) and keys.line else f"{keys.host}:{keys.port}"
 
 
 def opener(keys: ModbusKeys | RtuKeys, timeout: float) -> Callable[[float], ModbusPort]:
-    """Return what opens the port that ``keys`` describe, within so many s."""
+    """Return a function that opens the port of ``keys`` within the given time (s)."""
 
     def open_port(within: float) -> ModbusPort:
         rtu = isinstance(keys, RtuKeys)

@@ -1,4 +1,4 @@
-"""Points in Modbus tables: numbers, texts and bits as registers, and which of them one request can read or write."""
+"""Points in Modbus tables: numbers, texts and bits as registers, and their grouping into requests."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class PointKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class RegisterPoint:
-    """A point and where it is: its coding goes from words (uint16, as requests carry them) to a number and back."""
+    """A point, its place, and its coding from words (uint16, as in requests) to a number and back."""
 
     name: str
     table: TableName
@@ -82,26 +82,26 @@ class RegisterPoint:
 
     @property
     def end(self) -> int:
-        """The address behind it."""
+        """The address behind the point."""
         return self.address + self.size
 
     @property
     def place(self) -> tuple[TableName, int, int]:
-        """Where it is, in an order in which neighbours follow each other."""
+        """The place of the point as a sort key, in which neighbours follow each other."""
         return self.table, self.address, self.size
 
     @property
     def writable(self) -> bool:
-        """Whether anybody but the device can write it."""
+        """Whether a client can write the point."""
         return self.table in _WRITABLE
 
     @property
     def in_word(self) -> bool:
-        """Whether it is one bit of a register, or a field of some."""
+        """Whether the point is one bit or several bits of a register."""
         return self.type == "bit" and self.table not in _BITS
 
     def decode(self, words: Sequence[int]) -> float:
-        """Return the number that ``words`` (``size`` of them, or one bit) hold; NaN for none."""
+        """Return the number in ``words`` (``size`` of them, or one bit); NaN for none."""
         if self.table in _BITS:
             return float(bool(words[0]))
         if self.type == "bit":
@@ -110,11 +110,11 @@ class RegisterPoint:
         return math.nan if raw in self.null else self.scale * raw + self.offset
 
     def text(self, words: Sequence[int]) -> str:
-        """Return the text that ``words`` hold, without what fills it up."""
+        """Return the text in ``words`` without its padding."""
         return self._bytes(words).decode("latin-1").split("\0")[0].strip()
 
     def encode(self, value: float) -> list[int]:
-        """Return the words for ``value``; ValueError, in words, if they cannot carry it."""
+        """Return the words for ``value``. Raises ValueError if they cannot carry it."""
         if self.type == "bit":
             if not (0.0 <= value <= self._mask and value == int(value)):
                 right = "a bit (0 or 1)" if self.bits == 1 else f"{self.bits} bits (0 to {self._mask})"
@@ -138,7 +138,7 @@ class RegisterPoint:
         return self._words(data)
 
     def range(self) -> tuple[float, float]:
-        """Return the least and the greatest number that fit."""
+        """Return the smallest and the largest number that fit."""
         if self.type in ("float32", "float64"):
             raw_high = _SINGLE_MAX if self.type == "float32" else sys.float_info.max
             raw_low = -raw_high
@@ -152,7 +152,7 @@ class RegisterPoint:
         return ends[0], ends[1]
 
     def with_bit(self, word: int, value: float) -> int:
-        """Return a register that held ``word`` with this point's bits in it."""
+        """Return the register content ``word`` with the bits of this point set to ``value``."""
         held = int.from_bytes(self._bytes([word]), "big")
         held = held & ~(self._mask << self.bit) | self.encode(value)[0] << self.bit
         return self._words(held.to_bytes(2, "big"))[0]
@@ -175,7 +175,7 @@ class RegisterPoint:
 def read_points(
     where: str, points: object, groups: Iterable[str], word_order: WordOrder, byte_order: ByteOrder
 ) -> dict[str, RegisterPoint]:
-    """Return the points of a description by name; WiringError for what cannot be, or not both."""
+    """Return the points of a description by name. Raises WiringError for invalid or overlapping points."""
     if not isinstance(points, Mapping) or not points:
         raise WiringError(
             f'{where}: there are no points; add a line for each, like height = {{ table = "input", '
@@ -268,7 +268,7 @@ def _point(
 
 
 def _held(place: str, point: RegisterPoint, code: float) -> float:
-    """Return what the registers hold that were given ``code``: of -999.9 a float32 has only the nearest."""
+    """Return the number that the registers hold for ``code``: a float32 holds only the nearest one to -999.9."""
     low, high = replace(point, scale=1.0, offset=0.0).range()
     if point.type in ("float32", "float64"):
         if math.isfinite(code) and not low <= code <= high:
@@ -286,7 +286,7 @@ def _held(place: str, point: RegisterPoint, code: float) -> float:
 
 
 def _check_overlaps(where: str, points: Iterable[RegisterPoint]) -> None:
-    """WiringError for two points in one place, but for different bits of a word and the word that holds them."""
+    """Raise WiringError for two points in one place, except bits of a word and the word that contains them."""
     ordered = sorted(points, key=lambda point: point.place)
     for k, point in enumerate(ordered):
         for other in ordered[k + 1 :]:
@@ -327,7 +327,7 @@ class Span:
     points: tuple[RegisterPoint, ...]
 
     def decode(self, words: Sequence[Any]) -> dict[str, float]:
-        """Return the numbers of all points by name from the words that were read."""
+        """Return the numbers of all points by name from the words read."""
         first = self.address
         return {
             point.name: point.decode(words[point.address - first : point.end - first])
@@ -338,7 +338,7 @@ class Span:
 def spans(points: Iterable[RegisterPoint], gap: int, request_max: int = REGISTERS_READ_MAX) -> list[Span]:
     """Return the requests that read ``points``, each of at most ``request_max`` registers.
 
-    Up to ``gap`` registers between two points are read along.
+    A request also reads up to ``gap`` unused registers between two points.
     """
     found: list[Span] = []
     for point in sorted(points, key=lambda point: point.place):
@@ -365,7 +365,7 @@ _TRIED_MAX: Final = 32
 
 
 def explained(span: Span, error: BenchError, read: Read, gap: int) -> BenchError:
-    """Return ``error``, of a reading of ``span``, with the reason found by smaller readings."""
+    """Return ``error``, from a request for ``span``, with the reason found by smaller requests."""
     if span.count == 1 or (isinstance(error, Refused) and error.code not in (ILLEGAL_ADDRESS, ILLEGAL_VALUE)):
         return error
     points = span.points[:_TRIED_MAX]
@@ -399,7 +399,7 @@ def _reads(span: Span, read: Read) -> bool:
 
 
 def _most(span: Span, read: Read) -> int:
-    """Return how many registers from the beginning of ``span`` are read at once."""
+    """Return the number of registers from the start of ``span`` that one request can read."""
     low, high = 0, span.count
     while high - low > 1:
         middle = (low + high) // 2

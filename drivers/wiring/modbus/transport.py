@@ -204,7 +204,9 @@ class ModbusTransport(Transport):
     # -- the connection ------------------------------------------------------------------------------------------
 
     def connect(self, clock: Clock, lost: OnLost, *, within: float) -> None:
-        """Connect and read each group once. LinkLost without an answer, Refused if a group is outside the map."""
+        """Connect and read each group once. Raises LinkLost without an answer, Refused if a group is outside the
+        map.
+        """
         self._clock = clock
         self._port = self._opener() if self._opener is not None else opener(self._keys, self._timeout)(within)
         self._port.meaning = _MEANING
@@ -278,7 +280,9 @@ class ModbusTransport(Transport):
         return point.text(words)
 
     def write(self, points: Mapping[str, float], *, patient: bool = True) -> None:
-        """Write points in the given order, neighbours in one request. ValueError, before that, if one does not fit."""
+        """Write points in the given order, neighbours in one request. Raises ValueError before that if one does not
+        fit.
+        """
         for name in points:
             self.require(name, writable=True)
         chosen = [(self._points[name], value) for name, value in points.items()]

@@ -1,4 +1,4 @@
-"""Writes points to a Modbus device: in as few requests as possible, by the functions that the device supports."""
+"""Writer of points to a Modbus device: in as few requests as possible, by the functions that the device supports."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Writer:
         self._one_register = True
 
     def _combines(self, address: int, words: list[int], ask: Ask) -> bool:
-        """Write registers by function 23, if the device knows that; it is kept to from then on."""
+        """Write registers by function 23 if the device supports it, and use it from then on; return whether it does."""
         try:
             ask(lambda port: port.exchange_registers(address, words))
         except Refused as refused:
@@ -93,7 +93,7 @@ class Writer:
             self._coils(address, bits, ask)
 
     def _runs(self, coded: Coded) -> list[Coded]:
-        """Return the groups that one request each can write: neighbours in one table, or bits of one word."""
+        """Return the groups that can be written with one request each: neighbours in one table, or bits of one word."""
         runs: list[Coded] = []
         for point, words in coded:
             if runs and self._follows(runs[-1], point):

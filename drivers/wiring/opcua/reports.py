@@ -1,4 +1,4 @@
-"""What a server reports by itself, and whether it still does: an answer to a question does not show that."""
+"""Values that a server publishes, and whether it still publishes: an answer to a request does not show that."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ _MISSING_MAX: Final = 3
 class Reports:
     """The values of a subscription, each with the time at which the server sent or confirmed it.
 
-    ``names`` are the points by node, ``number`` decodes what the server reports of one. Changes come in the thread of
-    the event loop; all else is called by one thread.
+    ``names`` are the points by node, ``number`` decodes the value of one. Changes arrive in the thread of the event
+    loop; all other methods are called by one thread.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class Reports:
         )  # subscriptions that the server dropped; s without one, altogether
 
     async def begin(self, client: Client) -> None:
-        """Subscribe. Refused if the server does not report a point, MapMismatch if it does so too rarely."""
+        """Subscribe. Raises Refused if the server does not report a point, MapMismatch if it does so too rarely."""
         subscription = WatchedSubscription(client, self._every, self, self._publish)
         await subscription.create()
         try:
@@ -118,7 +118,7 @@ class Reports:
 
     @property
     def dropped(self) -> bool:
-        """Whether the server has ended the subscription, as it says itself or as its silence shows."""
+        """Whether the server has ended the subscription, by its own report or after too long a silence."""
         return self._ended or self.silence > self.allowed
 
     async def renew(self, client: Client) -> None:
@@ -146,14 +146,14 @@ class Reports:
     # -- what asyncua calls ---------------------------------------------------------------------------------------
 
     def datachange_notification(self, node: Any, value: Any, data: Any) -> None:
-        """Take the new value of a node, with its status."""
+        """Store the new value of a node, with its status."""
         del value
         with self._lock:
             for name in self._names[node.nodeid]:
                 self._news.append((self._now(), name, self._number(name, data.monitored_item.Value)))
 
     def status_change_notification(self, change: Any) -> None:
-        """Note that the server has ended the subscription, and says so."""
+        """Record that the server has ended the subscription, according to its report."""
         self._ended = not change.Status.is_good()
 
     def _publish(self, subscription: WatchedSubscription) -> None:
@@ -172,7 +172,9 @@ _LIFETIME_COUNT = 10_000
 
 
 class WatchedSubscription:
-    """Calls ``published`` for each notification and each keep-alive, once the handler has received what is new."""
+    """A subscription that calls ``published`` for each notification and keep-alive, after the handler has the new
+    values.
+    """
 
     def __init__(
         self, client: Client, period: float, handler: object, published: Callable[[WatchedSubscription], None]
@@ -197,21 +199,23 @@ class WatchedSubscription:
         self.period = period  #: s, how often the server publishes where nothing changes, as it says itself
 
     async def create(self) -> None:
-        """Create it on the server."""
+        """Create the subscription on the server."""
         revised = await self._subscription.init()
         self.period = 1e-3 * revised.RevisedPublishingInterval * max(1, revised.RevisedMaxKeepAliveCount)
 
     async def subscribe_data_change(self, nodes: list[Any], sampling_interval: float) -> Any:
-        """Watch the values of ``nodes``, sampled every so many ms; return a handle or an error of each."""
+        """Monitor the values of ``nodes``, sampled every ``sampling_interval`` ms; return a handle or an error for
+        each.
+        """
         return await self._subscription.subscribe_data_change(nodes, sampling_interval=sampling_interval)
 
     async def delete(self) -> None:
-        """Delete it on the server."""
+        """Delete the subscription on the server."""
         await self._subscription.delete()
 
     @property
     def sampling(self) -> float:
-        """The longest sampling interval (s) among its variables, as the server says itself."""
+        """The longest sampling interval (s) of its variables, as revised by the server."""
         return self._session.sampling
 
     async def _publish(self, publish_result: Any) -> None:
@@ -220,7 +224,7 @@ class WatchedSubscription:
 
 
 class _Session:
-    """A session that notes the revised sampling intervals, which asyncua does not keep."""
+    """A session that stores the revised sampling intervals, which asyncua does not keep."""
 
     def __init__(self, session: Any) -> None:
         self._session = session

@@ -80,7 +80,7 @@ class OpcUaKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 def opcua(name: str, table: Mapping[str, Any], where: Path) -> OpcUaTransport:
-    """Return the transport that ``table`` describes; it needs no file of ``where``."""
+    """Return the transport that ``table`` describes; ``where`` is not used."""
     del where
     return OpcUaTransport(name, table)
 
@@ -165,7 +165,9 @@ class OpcUaTransport(Transport):
     # -- the connection ------------------------------------------------------------------------------------------
 
     def connect(self, clock: Clock, lost: OnLost, *, within: float) -> None:
-        """Connect and subscribe. LinkLost without an answer, MapMismatch if the server lacks one of the nodes."""
+        """Connect and subscribe. Raises LinkLost without an answer, MapMismatch if the server lacks one of the
+        nodes.
+        """
         from asyncua import Client
 
         self._clock, self._reports = clock, None
@@ -266,7 +268,9 @@ class OpcUaTransport(Transport):
         return str(value.Value.Value) if value.Value is not None else ""
 
     def write(self, points: Mapping[str, float]) -> None:
-        """Write points in one request. ValueError, before that, if one does not fit; Refused by the server."""
+        """Write points in one request. Raises ValueError before that if one does not fit, Refused if the server rejects
+        them.
+        """
         from asyncua import ua
 
         for name in points:

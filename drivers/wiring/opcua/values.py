@@ -1,4 +1,4 @@
-"""What a variable of an OPC UA server says of a point: a number, an element of an array, a text, or nothing ever."""
+"""Conversion of an OPC UA variable to a point: a number, an element of an array, a text, or no possible value."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class NodeKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
     @property
     def shown(self) -> str:
-        """Which it is, for people."""
+        """The node and the index as text."""
         return self.node if self.index is None else f"{self.node}, element {self.index}"
 
     def number(self, raw: Any) -> float:
@@ -53,7 +53,7 @@ class NodeKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         return self.scale * raw + self.offset if isinstance(raw, int | float) else math.nan
 
     def raw(self, name: str, value: float, kind: str) -> float | bool:
-        """Return what a variable of ``kind`` carries for ``value`` of the point ``name``; ValueError if it cannot."""
+        """Return ``value`` of the point ``name`` for a variable of ``kind``. Raises ValueError if it does not fit."""
         raw = (value - self.offset) / self.scale
         if kind == "Boolean":
             if value not in (0.0, 1.0):
@@ -76,7 +76,7 @@ class NodeKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         return raw if letter in "fd" else round(raw)
 
     def never(self, raw: Any) -> str:
-        """Return why a value like this will never be one of this point; empty if it may."""
+        """Return why such a value can never be a value of this point; "" if it can."""
         if raw is None:  # nothing has come yet
             return ""
         if isinstance(raw, list):
@@ -99,7 +99,7 @@ class NodeKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 def error_text(error: BaseException, within: float) -> str:
-    """Return in words of ours what went wrong: a status of the server, or why it was not reached ``within`` s."""
+    """Return an error as text: a status of the server, or why it was not reached ``within`` s."""
     if isinstance(error, TimeoutError | CancelledError | asyncio.CancelledError):
         return f"no answer in {within:g} s"
     if isinstance(error, OSError):
