@@ -123,7 +123,7 @@ def rig_of(parameters: "Parameters") -> "Description":
 
 
 def clear_results(out: Path) -> None:
-    """Create the directory of results, and remove those of an earlier diagnosis. DiagnosisError if it cannot be
+    """Create the directory of results, and remove those of an earlier diagnosis. Raises DiagnosisError if it cannot be
     used.
     """
     try:
@@ -176,9 +176,8 @@ def read_data(
 
 
 def built_for(parameters: "Parameters", records: "Sequence[Record]") -> "Parameters":
-    """Return the parameter set of the rig of the runs, from the dimensions in their records.
-
-    DiagnosisError if the dimensions differ between the runs.
+    """Return the parameter set of the rig of the runs, from the dimensions in their records. Raises DiagnosisError if
+    the dimensions differ between the runs.
     """
     first, *others = ((one.path.parent, _stated_in(one)) for one in records)
     for where, stated in others:
@@ -237,8 +236,8 @@ def chosen_effects(
 ) -> tuple[str, ...] | None:
     """Return the effects named in ``text``, separated by commas; None stands for the whole catalogue.
 
-    A name without a place stands for all places. DiagnosisError for an effect that is not in the catalogue, or that is
-    already in the model (``held``).
+    A name without a place stands for all places. Raises DiagnosisError for an effect that is not in the catalogue, or
+    that is already in the model (``held``).
     """
     if text is None:
         return None

@@ -33,8 +33,8 @@ FORMS: Final = (*tables.FORMS, *reading.FORMS)
 def export_run(directory: Path, target: Path, rate: float, names: Sequence[str]) -> str:
     """Write the run in ``directory`` as ``target``; return a summary as text.
 
-    Tables have ``rate`` rows per second. MDF 4 has every sample. CAN logs have all frames that the run recorded.
-    RecordError for an impossible export; OSError for a file that cannot be written.
+    Tables have ``rate`` rows per second. MDF 4 has every sample. CAN logs have all frames that the run recorded. Raises
+    RecordError for an impossible export. Raises OSError for a file that cannot be written.
     """
     form = _known_form(target, [one for one in FORMS if one.write is not None])
     if form in reading.FORMS:
@@ -58,7 +58,7 @@ def import_file(source: Path, directory: Path, keys: LogKeys | None = None, tabl
 
     A CAN log is decoded with our own messages or with those of a DBC. Then its signals are called MESSAGE.SIGNAL, in
     the units of the DBC; ``keys`` state how to read it. ``table`` are keys for the reader of tables, as KEY=VALUE.
-    RecordError for an impossible import.
+    Raises RecordError for an impossible import.
     """
     form = _known_form(source, [one for one in FORMS if one.read is not None])
     if not source.is_file():

@@ -214,8 +214,8 @@ def investigate(
     """Run ``first``, diagnose, and continue with the plan that decides most per minute, within the budget (min).
 
     ``diagnose`` gets the directories of all records so far. The log is written after every run and at the end, also
-    after an error. RecordError if the budget is too small for the first plan, or if a directory cannot be used. Errors
-    of ``diagnose`` are not caught.
+    after an error. Raises RecordError if the budget is too small for the first plan, or if a directory cannot be used.
+    Errors of ``diagnose`` are not caught.
     """
     needed = lasts(first) / minutes
     if needed > budget:

@@ -88,8 +88,7 @@ class Webhook:
 
 def receiver(to: str, *, elsewhere: bool = False) -> Receiver:
     """Return the receiver ``to``: a webhook (http://…), on this machine unless ``elsewhere`` is allowed, or a command.
-
-    MessageError for a wrong receiver, before any message is sent.
+    Raises MessageError for a wrong receiver, before any message is sent.
     """
     if to.split("://", maxsplit=1)[0].lower() in _SCHEMES:
         return _webhook(to, elsewhere)

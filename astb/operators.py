@@ -138,8 +138,7 @@ class Terminal(QuestionBox):
 
 
 def read_answers(path: Path) -> Script:
-    """Return the answers in a TOML file: ``"text of the question, or its deed" = "answer"``, ``*`` for anything.
-
+    """Return the answers in a TOML file: ``"text of the question, or its deed" = "answer"``, ``*`` for anything. Raises
     AnswersFileError for a file in another format.
     """
     try:

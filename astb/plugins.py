@@ -193,7 +193,7 @@ def offers() -> dict[str, dict[str, str]]:
 
 
 def _load(name: str, homes: Mapping[str, str]) -> click.Command:
-    """Import the command of the one package that offers it; PluginError if it fails, or if there are several."""
+    """Import the command of the one package that offers it. Raises PluginError if it fails, or if there are several."""
     from importlib.metadata import EntryPoint
 
     described = " and ".join(f"{home} of package {package}" for package, home in homes.items())

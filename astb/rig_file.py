@@ -95,8 +95,7 @@ def rigs() -> dict[str, Path]:
 
 
 def find_rig(rig: str | Path = ORDINARY) -> tuple[RigFile, Path]:
-    """Return a rig and the path of its file, by the path of the file or of its folder, or by a name of `rigs`.
-
+    """Return a rig and the path of its file, by the path of the file or of its folder, or by a name of `rigs`. Raises
     RigFileError if there is none, or if the file is wrong.
     """
     path = _rig_path(str(rig), Path())
@@ -104,7 +103,8 @@ def find_rig(rig: str | Path = ORDINARY) -> tuple[RigFile, Path]:
 
 
 def _rig_path(rig: str, home: Path, where: str = "") -> Path:
-    """Return the path of the rig file of a name, or of a path relative to ``home``; RigFileError for an unknown name.
+    """Return the path of the rig file of a name, or of a path relative to ``home``. Raises RigFileError for an unknown
+    name.
 
     The error begins with ``where``.
     """

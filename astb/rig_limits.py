@@ -20,7 +20,7 @@ class KnownLimit(NamedTuple):
 
 
 def known_limits(rig: RigFile) -> list[KnownLimit]:
-    """Return the limits of ``rig``; ValueError with key, value and correct form for an impossible limit.
+    """Return the limits of ``rig``. Raises ValueError with key, value and correct form for an impossible limit.
 
     Limits missing in the file of a simulated rig are those of the simulation; those of a real rig are assumed.
     """

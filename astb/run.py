@@ -395,7 +395,7 @@ def _surroundings(parameters: "Parameters") -> str:
 def new_directory(out: Path, name: str) -> Path:
     """Create the directory of a run in ``out`` and return it: ``name``, or ``name-2`` and so on next to earlier runs.
 
-    Existing files are not changed. RecordError if no directory can be made, NotKept if the disk fails.
+    Existing files are not changed. Raises RecordError if no directory can be made, NotKept if the disk fails.
     """
     for number in count(1):
         directory = out / (name if number == 1 else f"{name}-{number}")

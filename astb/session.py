@@ -119,7 +119,7 @@ def springs_of(simulation: Simulation, parameters: "Parameters") -> "SpringFmu |
 
 
 def planned_faults(simulation: Simulation) -> "list[PlannedFault]":
-    """Return the faults of the rig file; FaultError for an impossible time."""
+    """Return the faults of the rig file. Raises FaultError for an impossible time."""
     from bench_sim.rig.faults.orders import read_time
     from bench_sim.rig.faults.panel import PlannedFault
 
@@ -130,7 +130,9 @@ def planned_faults(simulation: Simulation) -> "list[PlannedFault]":
 
 
 def bus_stages(rig: "Rig", simulation: Simulation) -> list["Stage"]:
-    """Return the stages on the CAN bus of ``rig``: its pace, if one is requested; ValueError if it is impossible."""
+    """Return the stages on the CAN bus of ``rig``: its pace, if one is requested. Raises ValueError if it is
+    impossible.
+    """
     from bench_sim.rig.pace import Pace, read_bit_rate
 
     can = simulation.can
@@ -252,7 +254,7 @@ def real_session(rig: RigFile, path: Path, seed: int | None = None) -> Iterator[
 
 
 def open_wiring(rig: RigFile, path: Path) -> "Wiring":
-    """Return the wiring of ``rig``, whose file is ``path``, not yet connected; WiringError if it is invalid."""
+    """Return the wiring of ``rig``, whose file is ``path``, not yet connected. Raises WiringError if it is invalid."""
     return open_described(rig.name if rig.wiring else "the rig", wiring_of(rig, path))
 
 
@@ -263,10 +265,9 @@ def describe_rig(bench: Bench, rig: RigFile, path: Path) -> None:
 
 
 def dimensions_of(rig: RigFile, path: Path) -> "Dimensions":
-    """Return the dimensions of ``rig``, whose file is ``path``.
-
-    RigFileError for a wrong file of dimensions. A simulated rig without such a file, or with that of the virtual bench,
-    has the dimensions with which it is simulated. Those of a real rig without such a file are unknown.
+    """Return the dimensions of ``rig``, whose file is ``path``. Raises RigFileError for a wrong file of dimensions. A
+    simulated rig without such a file, or with that of the virtual bench, has the dimensions with which it is simulated.
+    Those of a real rig without such a file are unknown.
     """
     from bench_protocol.dimensions import UNKNOWN, DimensionsError, ordinary, read_dimensions
 
@@ -282,8 +283,7 @@ def dimensions_of(rig: RigFile, path: Path) -> "Dimensions":
 
 
 def instruments_of(rig: RigFile, path: Path) -> "Instruments":
-    """Return the instruments of ``rig``, whose file is ``path``: a simulated one has those of the virtual bench.
-
+    """Return the instruments of ``rig``, whose file is ``path``: a simulated one has those of the virtual bench. Raises
     RigFileError for a wrong file of instruments. The instruments of a real rig without such a file are unknown.
     """
     if not rig.instruments:
@@ -295,7 +295,7 @@ def instruments_of(rig: RigFile, path: Path) -> "Instruments":
 
 
 def wiring_of(rig: RigFile, path: Path) -> "Description":
-    """Return the description of the wiring of ``rig``, whose file is ``path``; WiringError if it is invalid."""
+    """Return the description of the wiring of ``rig``, whose file is ``path``. Raises WiringError if it is invalid."""
     if not rig.wiring:
         return own_description(can=to_builtins(rig.can), modbus=to_builtins(rig.modbus))
     if isinstance(rig.wiring, str):

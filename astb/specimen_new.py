@@ -85,8 +85,8 @@ def new_specimen(
 
 def derive(asked: Asked, target: Path, say: Callable[[str], None]) -> list[str]:
     """Write a specimen with derived limits to a file; return the limits that no plan measured, which are left out.
-
-    SpecimenError for names that are not in the base, for contradictions, and for a plan that does not run with it.
+    Raises SpecimenError for names that are not in the base, for contradictions, and for a plan that does not run with
+    it.
     """
     content = read_toml(place_of(PACKAGE, asked.base))
     base = read_specimen(asked.base)

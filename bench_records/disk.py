@@ -62,7 +62,9 @@ def kept(path: Path, what: str = "") -> Iterator[None]:
 
 @contextmanager
 def begun(path: Path, what: str = "") -> Iterator[None]:
-    """Raise as `kept`, but RecordError if the given folder is invalid or belongs to another user."""
+    """Convert errors in the block as `kept` does, but to RecordError if the folder is invalid or belongs to another
+    user.
+    """
     try:
         yield
     except OSError as error:

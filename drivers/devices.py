@@ -28,9 +28,9 @@ class Spring(Device):
 
 
 class LoadCells(Device):
-    """The cells under the platform: ``bench.load_cell[1]`` to ``[8]`` (N).
+    """The load cells: ``bench.load_cell[1]`` to ``[8]`` (N).
 
-    On our bench 1 to 4 stand upright, 5 and 6 across, and 7 and 8 are absent.
+    On our bench 1 to 4 are upright, 5 and 6 lateral, and 7 and 8 are missing.
     """
 
     __slots__ = ()

@@ -97,7 +97,7 @@ class _Mishaps:
         self._passed = 0
 
     def through(self, block: Block) -> Block:
-        """Return the frames that remain of ``block``."""
+        """Return the frames of ``block`` after the faults: some are lost, doubled or delayed."""
         faults, chance, out = self._faults, self._chance, []
         for k in range(block.size):
             frame = block[k : k + 1]
@@ -137,7 +137,7 @@ class FaultyCan:
         port.subscribe(self._receive)
 
     def send(self, block: Block) -> None:
-        """Send the frames that remain of ``block``."""
+        """Send the frames of ``block`` after the faults."""
         survivors = self._outward.through(block)
         if survivors.size:
             self._port.send(survivors)
@@ -146,7 +146,7 @@ class FaultyCan:
             self._hand_on(block[echoed])
 
     def subscribe(self, callback: OnFrames) -> None:
-        """Call ``callback(block)`` with the frames that remain of those received."""
+        """Call ``callback(block)`` with the received frames after the faults."""
         self._subscribers += (callback,)
 
     def on_lost(self, callback: OnLost) -> None:

@@ -53,7 +53,7 @@ def read_campaign(path: Path) -> dict[str, PlanCase]:
     """Return the cases of a campaign file by their keys. All cases are checked before any of them runs.
 
     In ``values`` and ``change`` each entry of a list is a case. Paths are relative to the directory of the campaign
-    file. CampaignError with file, key and the correct form.
+    file. Raises CampaignError with file, key and the correct form.
     """
     try:
         content = read_toml(path)
@@ -136,7 +136,7 @@ def _choices(given: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 
 
 def _checked(cases: list[PlanCase]) -> list[PlanCase]:
-    """Return the cases with the digests of their files. CampaignError for a case that cannot run."""
+    """Return the cases with the digests of their files. Raises CampaignError for a case that cannot run."""
     known: dict[Any, str] = {}
 
     def once(key: Any, look: Any) -> str:

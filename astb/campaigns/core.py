@@ -97,7 +97,7 @@ def _next(client: "Client", ended: "SimpleQueue[Future]") -> "list[Future]":
 
 
 def _threads(client: "Client") -> int:
-    """Return the number of cases that the cluster computes at a time. ClusterError if it does not answer."""
+    """Return the number of cases that the cluster computes at a time. Raises ClusterError if it does not answer."""
     try:
         return sum(client.nthreads().values())
     except (OSError, TimeoutError, ValueError, AttributeError) as error:
@@ -111,7 +111,7 @@ def _address(client: "Client") -> str:
 
 
 def _result(one: _Submitted, limit: float | None) -> Finished:
-    """Return the result of a future that has ended. ClusterError if it was lost with the cluster."""
+    """Return the result of a future that has ended. Raises ClusterError if it was lost with the cluster."""
     from distributed import KilledWorker
 
     elapsed = (_CLOCK.now() - one.at) / NS

@@ -19,7 +19,7 @@ _LOCK: Final = ".lock"
 
 
 class KeptError(ValueError):
-    """A directory that is no data set of a campaign, or is in use by another campaign."""
+    """A directory is not a data set of a campaign, or is in use by another campaign."""
 
 
 class KeptFailed(KeptError):
@@ -34,9 +34,8 @@ class KeptRows:
     """
 
     def __init__(self, directory: Path, *, without_errors: bool = False) -> None:
-        """Open or create ``directory``; ``without_errors`` drops the rows of failed cases.
-
-        KeptError if it cannot be used.
+        """Open or create ``directory``; ``without_errors`` drops the rows of failed cases. Raises KeptError if it
+        cannot be used.
         """
         self.directory = directory
         self._lock = _locked(directory)
@@ -68,9 +67,8 @@ class KeptRows:
         self.close()
 
     def add(self, row: Mapping[str, Any]) -> None:
-        """Store a row; it is on the disk when this returns.
-
-        ValueError if it does not fit into a table with the earlier rows.
+        """Store a row; it is on the disk when this returns. Raises ValueError if it does not fit into a table with the
+        earlier rows.
         """
         table = _table(row)
         schema = _unified(self._schema, table.schema)
@@ -103,9 +101,8 @@ class KeptRows:
 
 
 def read_table(directory: Path) -> "pa.Table":
-    """Return all rows in ``directory``, each key once, in the order in which they were stored.
-
-    KeptError if it has other contents.
+    """Return all rows in ``directory``, each key once, in the order in which they were stored. Raises KeptError if it
+    has other contents.
     """
     import numpy as np
     import pyarrow as pa

@@ -84,7 +84,7 @@ class Spread(NamedTuple):
 
 
 def write_page(rows: Sequence[Row], path: Path, name: str) -> None:
-    """Write the page of a campaign; it is self-contained. NotKept if the disk fails."""
+    """Write the page of a campaign; it is self-contained. Raises NotKept if the disk fails."""
     counted = Counter(map(verdict_of, failures_first(rows)))
     page = Document(
         f"Campaign {name}",
@@ -207,8 +207,7 @@ def _within(value: float, one: Distribution) -> bool:
 
 def write_workbook(rows: Sequence[Row], path: Path) -> None:
     """Write the same as an Excel file: a sheet for each plan with cases by checks, and one with the distributions.
-
-    NotKept if the disk fails. This needs the extra `excel`.
+    Raises NotKept if the disk fails. This needs the extra `excel`.
     """
     with kept(path), workbook(path) as book:
         head = book.add_format({"bold": True, "text_wrap": True, "valign": "top"})

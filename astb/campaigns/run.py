@@ -65,9 +65,9 @@ def run_cases(
     ended.
 
     Workers are those of a ``client`` or of the ``scheduler`` at an address, else processes of this machine: one for
-    each core, or ``workers``. `carried_out` explains ``limit`` and ``prepare``. KeptError, before anything starts, if
-    ``out`` cannot be used; ClusterError if the cluster is gone. After any interruption, KeyboardInterrupt included, the
-    same call continues with the remaining cases.
+    each core, or ``workers``. `carried_out` explains ``limit`` and ``prepare``. Raises KeptError, before anything
+    starts, if ``out`` cannot be used. Raises ClusterError if the cluster is gone. After any interruption,
+    KeyboardInterrupt included, the same call continues with the remaining cases.
     """
     with KeptRows(Path(out), without_errors=again) as kept:
         left = {key: case for key, case in cases.items() if key not in kept.keys}

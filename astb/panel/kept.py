@@ -99,7 +99,9 @@ def routes(parts: Parts) -> Sequence[Route]:
 
 
 class Kept:
-    """The contents of a folder of runs at the time of the request. RecordError for missing or unreadable runs."""
+    """The contents of a folder of runs at the time of the request. Raises RecordError for missing or unreadable
+    runs.
+    """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

@@ -32,9 +32,8 @@ logging.getLogger("asyncua").addHandler(logging.NullHandler())
 
 
 class OpcUaServer:
-    """Serves each measurement of ``watch`` as the variable ``ns=2;s=NAME``, ten times a second.
-
-    BenchError if ``host`` and ``port`` (0: any free port) cannot be used.
+    """Serves each measurement of ``watch`` as the variable ``ns=2;s=NAME``, ten times a second. Raises BenchError if
+    ``host`` and ``port`` (0: any free port) cannot be used.
     """
 
     def __init__(self, watch: Watch, host: str, port: int) -> None:

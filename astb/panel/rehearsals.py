@@ -135,7 +135,7 @@ class Rehearsals:
         }
 
     def page(self, of: str) -> str:
-        """Return the page of a rehearsal. RecordError for another folder."""
+        """Return the page of a rehearsal. Raises RecordError for another folder."""
         path = self._parts.out / of / PAGE
         if Path(of).name != of or _NAME not in of or not path.is_file():
             raise RecordError(f"{self._parts.out} holds no rehearsal {of}")

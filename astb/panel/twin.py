@@ -28,7 +28,9 @@ def routes(parts: Parts) -> Sequence[Route]:
 
 
 def twin_runs(out: Path, request: Request) -> dict[str, Any]:
-    """Return the runs that have a twin, the newest first, and the findings of one. RecordError if it has none."""
+    """Return the runs that have a twin, the newest first, and the findings of one. Raises RecordError if it has
+    none.
+    """
     runs = (
         [one.directory for one in reversed(RunIndex(out).runs()) if (out / one.directory / TWIN).exists()]
         if out.is_dir()

@@ -164,11 +164,11 @@ class Watch:
         return msgspec.structs.replace(self.status, link=f"the panel has not read the rig for {blind:.1f} s")
 
     def act(self, name: str) -> None:
-        """Trigger an action of the rig while it has no commander; BenchError if it refuses."""
+        """Trigger an action of the rig while it has no commander. Raises BenchError if it refuses."""
         self._connected().settings.act(name)
 
     def go_safe(self) -> None:
-        """Order the safe position while the rig has no commander; BenchError if it refuses."""
+        """Order the safe position while the rig has no commander. Raises BenchError if it refuses."""
         self._connected().settings.go_safe(self.clock)
 
     def glimpses(self, names: Iterable[str]) -> dict[str, float]:
@@ -185,7 +185,7 @@ class Watch:
         return {one.name: readings.sample(one.name) for one in self.shown if _comes(readings, one.name)}
 
     def write(self, values: Mapping[str, float | str]) -> None:
-        """Write settings to the rig while it has no commander; BenchError if it refuses."""
+        """Write settings to the rig while it has no commander. Raises BenchError if it refuses."""
         self._connected().settings.write(values)
 
     def _connected(self) -> Listening:

@@ -81,7 +81,9 @@ class Past(NamedTuple):
         return self.at + self.record.start_ns / NS
 
     def again(self, simulation: Simulation) -> dict[str, Any]:
-        """Return the arguments for `rehearse` on the rig of a ``simulation``; ParameterError for impossible ones."""
+        """Return the arguments for `rehearse` on the rig of a ``simulation``. Raises ParameterError for impossible
+        ones.
+        """
         changed = self._changed(simulation)
         otherwise = Otherwise.of(changed, self.seed, self.changes.effects, self.changes.parameters)
         return {
@@ -114,9 +116,8 @@ class Past(NamedTuple):
         )
 
     def report(self, directory: Path) -> list[str]:
-        """Return a text that compares the repeated run in ``directory`` with the original one.
-
-        RecordError if they differ before the time of the change.
+        """Return a text that compares the repeated run in ``directory`` with the original one. Raises RecordError if
+        they differ before the time of the change.
         """
         kept = self.record.path.parent
         found = deviating_signals(self.record, read(directory), self.at)
@@ -127,7 +128,7 @@ class Past(NamedTuple):
 
 
 def plan_of(record: Record) -> "Plan":
-    """Return the plan of a recorded run with its parameters. RecordError for a run that cannot be repeated."""
+    """Return the plan of a recorded run with its parameters. Raises RecordError for a run that cannot be repeated."""
     meta = record.meta
     name = meta.get("plan", "")
     if meta.get("sealed_effects"):
@@ -145,8 +146,7 @@ def plan_of(record: Record) -> "Plan":
 
 def deviating_signals(before: Record, now: Record, at: float) -> list[SignalDeviation]:
     """Return the measurements of the repeated run that deviate from the record after ``at`` s, the earliest first.
-
-    RecordError if they deviate earlier, because then the rig is not the same.
+    Raises RecordError if they deviate earlier, because then the rig is not the same.
     """
     found = []
     for name in sorted(set(before.signals) & set(now.signals)):

@@ -30,7 +30,7 @@ class Otherwise(NamedTuple):
     ) -> "Otherwise":
         """Return the changes by ``effects`` and ``changes``, given as text, to the rig of a ``simulation``.
 
-        An effect that the rig already has gets the new size. ParameterError with name, value and correct form.
+        An effect that the rig already has gets the new size. Raises ParameterError with name, value and correct form.
         """
         before = simulated_parameters(simulation).as_built(seed).record
         other = replace(
@@ -42,7 +42,9 @@ class Otherwise(NamedTuple):
         return cls(names, after, told + [_KEPT] * (not VOLUMES.isdisjoint(names)))
 
     def begin(self, rig: "Rig", at: float) -> None:
-        """Apply the changes from ``at`` s of the rig's time on. ParameterError for springs that an FMU computes."""
+        """Apply the changes from ``at`` s of the rig's time on. Raises ParameterError for springs that an FMU
+        computes.
+        """
         try:
             turn(rig, at, self.names, self.record)
         except RuntimeError as error:

@@ -93,7 +93,7 @@ class Rehearsal(msgspec.Struct, frozen=True, kw_only=True):
     notes: list[str] = []  #: notes on the rehearsed rig for the reader
 
     def write(self, directory: Path) -> Path:
-        """Write ``rehearsal.json`` into ``directory``; RecordError for a disk that fails."""
+        """Write ``rehearsal.json`` into ``directory``. Raises RecordError for a disk that fails."""
         path = directory / REHEARSAL
         with kept(path):
             path.write_bytes(msgspec.json.format(msgspec.json.encode(self), indent=2) + b"\n")
@@ -119,8 +119,8 @@ def rehearse(
 
     The default of ``simulation`` is that of `simulation_of`; the limits are those of ``rig`` in any case. Signals that
     the wiring of a real rig lacks are missing on the simulated one, too. ``begin`` receives the origin for the record;
-    ``prepare`` receives the simulated rig before it runs, and ``notes`` describe its effect. ValueError for an invalid
-    limit or parameter, WiringError for an invalid wiring, RecordError for a directory that cannot be written.
+    ``prepare`` receives the simulated rig before it runs, and ``notes`` describe its effect. Raises ValueError for an
+    invalid limit or parameter, WiringError for an invalid wiring, RecordError for a directory that cannot be written.
     """
     limits, absent = known_limits(rig), _lacking(rig, path)
     simulation = simulation or simulation_of(rig)

@@ -118,9 +118,8 @@ class Fmu:
 
 
 def read_fmu(path: Path) -> Fmu:
-    """Return the description of the FMU in a file.
-
-    FmuError for a file that is no FMU, for another version or kind, and for an FMU without a library for this system.
+    """Return the description of the FMU in a file. Raises FmuError for a file that is no FMU, for another version or
+    kind, and for an FMU without a library for this system.
     """
     fmpy = require_fmpy()
     try:
@@ -172,7 +171,7 @@ def read_fmu(path: Path) -> Fmu:
 
 
 def unpack_fmu(path: Path, folder: Path) -> None:
-    """Unpack the FMU in a file into a folder. FmuError if that fails."""
+    """Unpack the FMU in a file into a folder. Raises FmuError if that fails."""
     try:
         with open_archive(path) as archive:
             archive.extractall(folder)
@@ -181,7 +180,7 @@ def unpack_fmu(path: Path, folder: Path) -> None:
 
 
 def require_fmpy() -> Any:
-    """Return FMPy. FmuError with the command that installs it."""
+    """Return FMPy. Raises FmuError with the command that installs it."""
     try:
         import fmpy
     except ImportError:
@@ -277,9 +276,8 @@ def _plain(name: str) -> str:
 
 
 def _si_units(path: Path, definitions: Sequence[Any]) -> dict[_Size, str]:
-    """Return the name of the SI unit of each size: ours, else that of the FMU, else in base units.
-
-    FmuError for a unit with the factor 0.
+    """Return the name of the SI unit of each size: ours, else that of the FMU, else in base units. Raises FmuError for
+    a unit with the factor 0.
     """
     found: dict[_Size, str] = {}
     for one in UNITS.values():
@@ -312,7 +310,7 @@ def _own_units(definitions: Sequence[Any], si: Mapping[_Size, str]) -> dict[str,
 
 
 def _unit(path: Path, variable: str, name: str, definition: Any, si: Mapping[_Size, str]) -> FmuUnit:
-    """Return a unit that an FMU names and may define. FmuError if the definition contradicts the name.
+    """Return a unit that an FMU names and may define. Raises FmuError if the definition contradicts the name.
 
     Some tools define angles as numbers, others with the base unit rad.
     """

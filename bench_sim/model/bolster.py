@@ -52,9 +52,9 @@ def felt_acceleration(roll: float, lateral: float, vertical: float, angular: flo
 
 @compiled
 def bolster_term(x: Any, par: Any, out: Any, dx: Any) -> None:
-    """m z̈ = ΣF_z − ΣF_act − m g;  m ÿ = ΣF_y + F_act + F_bs;  J φ̈ = Σ moments.
+    """Compute the accelerations of the bolster from the forces (N) that springs and actuators added to ``dx``.
 
-    Springs and actuators have added their forces (N) to the derivatives of the speeds.
+    m z̈ = ΣF_z − ΣF_act − m g;  m ÿ = ΣF_y + F_act + F_bs;  J φ̈ = Σ moments.
     """
     bump = stop_force(x[State.BOLSTER_LATERAL] - x[State.PLATFORM_LATERAL], par)
     out[Algebraic.BUMP_STOP] = bump

@@ -13,10 +13,10 @@ from bench_sim.model.layout import BRANCHES, EXTRA_BRANCHES, EXTRA_DASHPOTS, EXT
 
 @compiled
 def friction_curve(x: float, origin: float, level: float, travel: float) -> tuple[float, float]:
-    """Normalised friction force F/F_max and its slope, Berg (1998).
+    """Return the normalised friction force F/F_max and its slope, Berg (1998).
 
-    From the last reversal (``origin``, ``level`` = F_s/F_max) with x₂ = ``travel``: x > x_s: f = α + (x−x_s)/(x₂(1−α) +
-    x−x_s) · (1−α); x < x_s the same with reversed signs.
+    It starts from the last reversal at x_s = ``origin`` with α = ``level`` = F_s/F_max; x₂ = ``travel``. For x > x_s, f
+    = α + (x−x_s)/(x₂(1−α) + x−x_s) · (1−α); for x < x_s the same with reversed signs.
     """
     s = x - origin
     sense = 1.0 if s >= 0.0 else -1.0

@@ -10,7 +10,7 @@ from bench_sim.model.layout import Sensor
 
 
 def sensor_of(name: str) -> Sensor:
-    """Return the sensor of the measurement ``name``; ValueError for a signal without a sensor."""
+    """Return the sensor of the measurement ``name``. Raises ValueError for a signal without a sensor."""
     return Sensor(TABLE.index[name])
 
 

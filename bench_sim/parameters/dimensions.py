@@ -75,8 +75,7 @@ def dimensions_of(parameters: Parameters) -> dict[str, float]:
 
 
 def built_as(parameters: Parameters, dimensions: Mapping[str, float]) -> Parameters:
-    """Return the parameters of a rig with these ``dimensions`` (SI, by name); other parameters stay as they are.
-
+    """Return the parameters of a rig with these ``dimensions`` (SI, by name); other parameters stay as they are. Raises
     ParameterError for dimensions that the simulated bench cannot have. Its lasers are at the springs and both sides are
     alike. Of its six load cells, four are vertical at the corners, and two are lateral, in front and behind.
     """

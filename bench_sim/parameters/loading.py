@@ -170,7 +170,9 @@ def unknown(name: str, known: tuple[str, ...], what: str = "parameter") -> str:
 
 
 def read_value(what: str, text: Any, si: str) -> float:
-    """Return ``text``, such as ``0.2 mm2``, in the SI unit ``si``; `ParameterError`, which begins with ``what``."""
+    """Return ``text``, such as ``0.2 mm2``, in the SI unit ``si``. Raises `ParameterError`, which begins with
+    ``what``.
+    """
     try:
         return read_written(what, text, si)
     except NotAValue as error:

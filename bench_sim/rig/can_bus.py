@@ -85,7 +85,7 @@ class CanBus:
                 self._ticking = self._clock.every(TICK_NS, self.poll)
 
     def remove(self, stage: Stage) -> None:
-        """Remove ``stage``; the frames that it kept are lost. ValueError if it is not in the chain."""
+        """Remove ``stage``; the frames that it kept are lost. Raises ValueError if it is not in the chain."""
         with self._lock:
             if stage not in self._stages:
                 raise ValueError(f"{type(stage).__name__} is not on the bus, so it cannot be removed")

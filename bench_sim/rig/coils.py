@@ -51,9 +51,8 @@ def contacts(supervisor: Supervisor, staged: Callable[[], bool]) -> Mapping[str,
 
 
 def _of_every(kind: Kind, told: Mapping[str, Callable[[], bool]]) -> Mapping[str, Callable[[], bool]]:
-    """Return the functions ``told`` by the last part of the signal names.
-
-    ValueError unless there is one for every signal of ``kind`` in the table.
+    """Return the functions ``told`` by the last part of the signal names. Raises ValueError unless there is one for
+    every signal of ``kind`` in the table.
     """
     names = {signal.attribute[1] for signal in TABLE.of_kind(kind)}
     if different := names ^ told.keys():

@@ -26,10 +26,9 @@ def control_path(host: str, modbus_port: int) -> Path:
 
 
 def ask(path: Path, line: bytes, timeout: float = 5.0) -> bytes:
-    """Return the rig's answer to one line; OSError without a rig, or without an answer within ``timeout`` (s).
-
-    PermissionError, before anything is sent, if the directory belongs to another user, because the answer could be
-    forged.
+    """Return the rig's answer to one line. Raises OSError without a rig, or without an answer within ``timeout`` (s).
+    Raises PermissionError, before anything is sent, if the directory belongs to another user, because the answer could
+    be forged.
     """
     require_own(path.parent)
     with _unix_socket() as connection:
@@ -133,7 +132,7 @@ class _ControlClient(asyncio.Protocol):
 
 
 def _unix_socket() -> socket.socket:
-    """Return a new socket; OSError if the system has no Unix sockets."""
+    """Return a new socket. Raises OSError if the system has no Unix sockets."""
     if (family := getattr(socket, "AF_UNIX", None)) is None:
         raise OSError("this system has no Unix domain sockets")
     return socket.socket(family)

@@ -145,9 +145,8 @@ def _aim(signal: str) -> tuple[int, int]:
 
 
 def detectors(table: Table, limits: tuple[Limit, ...]) -> npt.NDArray[np.void]:
-    """Return ``limits`` as the array that the tick reads.
-
-    ValueError for an error of, or an arrival at, a set-point that the reading does not have.
+    """Return ``limits`` as the array that the tick reads. Raises ValueError for an error of, or an arrival at, a
+    set-point that the reading does not have.
     """
     rows = np.zeros(len(limits), DETECTOR)
     for row, limit in zip(rows, limits, strict=True):

@@ -55,9 +55,7 @@ def header_bytes(bus: str, application: str = "astb") -> bytes:
 
 def packet_bytes(block: Block, *, outbound: bool) -> bytes:
     """Return one packet for each frame of ``block`` (times in ns since 1970); ``outbound`` is True for frames of the
-    rig.
-
-    TypeError if the array is not a frame block.
+    rig. Raises TypeError if the array is not a frame block.
     """
     if block.dtype != FRAME:
         raise TypeError(f"block = array of {block.dtype} is not a frame block (bench_protocol.frames.FRAME)")

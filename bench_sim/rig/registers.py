@@ -68,7 +68,7 @@ class Space:
                 self.owner[register.address + k] = register
 
     def slots(self, address: int, count: int) -> list[Register]:
-        """Return the registers in the range; ModbusError if it leaves the map or cuts a 32-bit value in half."""
+        """Return the registers in the range. Raises ModbusError if it leaves the map or cuts a 32-bit value in half."""
         end = address + count
         if end > self.size:
             raise ModbusError(ILLEGAL_ADDRESS)
@@ -196,9 +196,8 @@ class RegisterBank:
         return words
 
     def write_holding(self, address: int, values: Sequence[int], peer: str) -> None:
-        """Stage settings, all or nothing; the lease and the watchdog act at once.
-
-        ModbusError, with nothing changed, for a value out of range, or a register that only the holder may write.
+        """Stage settings, all or nothing; the lease and the watchdog act at once. Raises ModbusError, with nothing
+        changed, for a value out of range, or a register that only the holder may write.
         """
         staged: dict[str, float] = {}
         lease, watchdog = None, None
@@ -241,7 +240,7 @@ class RegisterBank:
         return [False] * count
 
     def write_coils(self, address: int, values: Sequence[bool], peer: str) -> None:
-        """Execute the actions of the coils that are set; ModbusError for one that the bench does not accept."""
+        """Execute the actions of the coils that are set. Raises ModbusError for one that the bench does not accept."""
         slots = self._spaces["coil"].slots(address, len(values))
         for register, value in zip(slots, values, strict=True):
             if not value:

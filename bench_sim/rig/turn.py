@@ -51,9 +51,8 @@ VOLUMES: Final = frozenset(
 
 
 def differing(before: Any, after: Any) -> list[str]:
-    """Return the names of the parameters that differ between two records.
-
-    `ParameterError` for a parameter that cannot change while the bench runs.
+    """Return the names of the parameters that differ between two records. Raises `ParameterError` for a parameter that
+    cannot change while the bench runs.
     """
     names = [name for name in before.dtype.names if not np.array_equal(before[name], after[name])]
     for name in names:
@@ -68,7 +67,7 @@ def differing(before: Any, after: Any) -> list[str]:
 def turn(rig: "Rig", at: float, names: list[str], after: Any) -> None:
     """Set the parameters ``names`` to those of the record ``after`` from ``at`` s of the rig's time on.
 
-    Active faults stay on top of them. RuntimeError for parameters of springs that an FMU computes.
+    Active faults stay on top of them. Raises RuntimeError for parameters of springs that an FMU computes.
     """
     points = rig.faults.points
     points.parameters.own(names)

@@ -156,7 +156,9 @@ def render(finding: Finding, history: InvestigationHistory | None = None) -> str
 
 
 def _conclusions(finding: Finding, history: InvestigationHistory | None) -> Iterator[Markup]:
-    """Yield doubts on the data, the causes and their rivals, the history, terms without a name, and the gain."""
+    """Yield the sections on data quality, causes and rivals, suspects, history, unknown effects, detectability and
+    gain.
+    """
     if finding.quality:
         heads = "file | column | check | found | count | first | consequence"
         yield section("Data quality", table(heads, map(_quality_row, finding.quality)))

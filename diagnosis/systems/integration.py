@@ -31,7 +31,7 @@ def integrate(
     """Return the states (n, k) at the samples, from ``start`` (k,); ``inputs`` are m arrays (n,), ``step`` is in s.
 
     Inputs are interpolated linearly between samples, or keep their value until the next one if ``held`` (m,). Each step
-    between two samples is divided into ``parts``. The error is of fourth order in step/parts for smooth rates.
+    between two samples is divided into ``parts``. The error is of fourth order in step/parts for smooth rates. Raises
     DiagnosisError if the arguments do not fit together.
     """
     driven = np.ascontiguousarray(

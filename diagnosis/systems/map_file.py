@@ -317,7 +317,9 @@ def read_columns(
 
 
 def column_names(path: Path, wanted: Sequence[ColumnName]) -> list[str]:
-    """Return the names of all columns of a file whose head contains some of the ``wanted``. DiagnosisError if none."""
+    """Return the names of all columns of a file whose head contains some of the ``wanted``. Raises DiagnosisError if
+    none.
+    """
     try:
         return reading.column_names(path, FileKeys(), Account(), wanted)
     except RecordError as error:

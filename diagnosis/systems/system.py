@@ -132,8 +132,7 @@ def unit_of(text: str, units: Mapping[str, Unit]) -> ReadUnit:
 def conversion(
     unit: str, si: str, where: str, units: Mapping[str, Unit] = UNITS, *, relative: bool = False
 ) -> tuple[float, float]:
-    """Return (factor, zero) with SI = factor·value + zero; for a difference (``relative``) the zero is 0.
-
+    """Return (factor, zero) with SI = factor·value + zero; for a difference (``relative``) the zero is 0. Raises
     DiagnosisError if ``unit`` is not a unit of the quantity ``si``.
     """
     if unit == si:

@@ -26,7 +26,7 @@ def functions_file(where: str, name: str, directory: Path) -> Path | None:
 
 
 def user_function(where: str, path: Path, name: str, arguments: int) -> Combine:
-    """Return the function ``name`` of ``path`` with so many arguments. Raises WiringError if there is none."""
+    """Return the function ``name`` of ``path`` with ``arguments`` arguments. Raises WiringError if there is none."""
     function = find_function(where, path, name)
     try:
         inspect.signature(function).bind(*[0.0] * arguments)

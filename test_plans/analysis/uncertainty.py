@@ -358,8 +358,8 @@ def repeated(found: Sequence[Measured]) -> Measured:
     """Return the mean of several measurements of the same thing with the same instruments.
 
     Errors of the instruments are common to all measurements and stay. The random error is estimated from the scatter:
-    s/√n, times √((n−1)/(n−3)) because few measurements give a poor estimate of s (JCGM 101, 6.4.9.2). ValueError for
-    less than four.
+    s/√n, times √((n−1)/(n−3)) because few measurements give a poor estimate of s (JCGM 101, 6.4.9.2). Raises ValueError
+    for less than four.
     """
     n = len(found)
     if n < 4:

@@ -121,7 +121,7 @@ class _Moves:
         return {name: after[name] - before[name] for name in names}
 
     def _feel(self, name: str, start: float, change: float, rate: float) -> None:
-        """Move an axis a little for the first time; RigFault if it goes much further, as with a wrong scale."""
+        """Move an axis a little for the first time. Raises RigFault if it goes much further, as with a wrong scale."""
         bench, signal = self._bench, self._bench.table[name]
         before = bench.average(name, over=_OVER)
         bench.commander.ramp(f"{name}_setpoint", start + change, rate)

@@ -53,7 +53,7 @@ class ModbusConnection:
         self._number = 0
 
     def ask(self, function: int, body: bytes, *, unit: int | None = None) -> Answer:
-        """Return the answer to a request. LinkLost if there is none, or if it belongs to another request."""
+        """Return the answer to a request. Raises LinkLost if there is none, or if it belongs to another request."""
         self._number = (self._number + 1) % 0x1_0000
         unit = self._unit if unit is None else unit
         request = _HEADER.pack(self._number, 0, len(body) + 2, unit, function) + body
@@ -77,7 +77,7 @@ class ModbusConnection:
         return answer._replace(data=answer.data[1:])
 
     def words(self, address: int, count: int, *, function: int = 4) -> list[int]:
-        """Return input registers; LinkLost if the rig refuses."""
+        """Return input registers. Raises LinkLost if the rig refuses."""
         answer = self.read(function, address, count)
         if answer.code or len(answer.data) != 2 * count:
             raise LinkLost(
@@ -184,7 +184,9 @@ class RawAccess:
 
 @contextmanager
 def open_access(rig: "RigFile", path: Path, *, say: Callable[[str], None]) -> Iterator[RawAccess]:
-    """Yield access to ``rig``; a simulated one in real time that does not answer is started. LinkLost if none does."""
+    """Yield access to ``rig``; a simulated one in real time that does not answer is started. Raises LinkLost if none
+    does.
+    """
     with ExitStack() as stack:
         if rig.time == "virtual":
             assert rig.simulation  # a rig file without one has real time

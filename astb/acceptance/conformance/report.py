@@ -11,7 +11,7 @@ from bench_protocol.input_limits import Unfit, read_bounded
 
 
 class ReportError(ValueError):
-    """A file is no report of a conformance test."""
+    """A file is not a report of a conformance test."""
 
 
 class Outcome(StrEnum):
@@ -62,7 +62,7 @@ class Difference(NamedTuple):
 
 
 def read_report(path: Path) -> Report:
-    """Return the report in the file ``path``. ReportError if it cannot be read, or has another form."""
+    """Return the report in the file ``path``. Raises ReportError if it cannot be read, or has another form."""
     try:
         return msgspec.json.decode(read_bounded(path), type=Report)
     except OSError as error:

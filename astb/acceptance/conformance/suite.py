@@ -29,7 +29,7 @@ Subject = TypeVar("Subject")
 def examine_rig(rig: "RigFile", path: Path, *, motion: bool, say: Callable[[str], None]) -> list[Observation]:
     """Return all findings about ``rig``, whose file is ``path``; nothing moves without ``motion``.
 
-    A rig with our messages is tested on its wires, another by its signals. BenchError if there is no rig.
+    A rig with our messages is tested on its wires, another by its signals. Raises BenchError if there is no rig.
     """
     if rig.wiring:
         with open_bench(path) as bench:

@@ -50,7 +50,7 @@ def comma_in(scales: Sequence[str]) -> bool:
 
 
 def scale_of(where: str, text: str, commas: bool, key: str = "scale") -> float:
-    """Return the number in a cell; WiringError for a text without a number, or with an ambiguous one."""
+    """Return the number in a cell. Raises WiringError for a text without a number, or with an ambiguous one."""
     if not text:
         return 1.0
     wrong = WiringError(f"{where}: {key} = {text!r} must be a number, such as 0.01 or 1/100")

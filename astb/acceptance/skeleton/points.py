@@ -38,7 +38,8 @@ _NOBODY: Final = re.compile(r"(vector_*)?xxx", re.IGNORECASE)
 
 
 def dbc_points(path: Path, transport: str = "bus", charset: str | None = None) -> list[DescribedPoint]:
-    """Return the signals of a DBC; the sender of most of them is the rig. WiringError for a file in another format.
+    """Return the signals of a DBC; the sender of most of them is the rig. Raises WiringError for a file in another
+    format.
 
     Signals without a sender may be sent by the rig or by a client.
     """

@@ -91,14 +91,13 @@ class _Conventions:
 
 
 def register_points(path: Path, transport: str = "plc") -> list[DescribedPoint]:
-    """Return the rows of a list of registers (CSV). WiringError, with row and column, for wrong cells."""
+    """Return the rows of a list of registers (CSV). Raises WiringError, with row and column, for wrong cells."""
     return read_register_list(path, transport).points
 
 
 def read_register_list(path: Path, transport: str = "plc", counting: Counting | None = None) -> RegisterList:
     """Return the points of a list of registers, and how it counts addresses; ``counting`` overrides the detection.
-
-    WiringError, with row and column, for wrong cells and for ambiguous addresses.
+    Raises WiringError, with row and column, for wrong cells and for ambiguous addresses.
     """
     account = Account()
     try:
@@ -209,7 +208,7 @@ def _rows(path: Path, lines: Sequence[str]) -> tuple[list[_Row], dict[str, str],
 
 
 def _refuse_open(path: Path, lines: Sequence[str], delimiter: str, names: Sequence[str]) -> None:
-    """WiringError for unread columns that change numbers, and for lists of several devices."""
+    """Raise WiringError for unread columns that change numbers, and for lists of several devices."""
     rows = [row for _, row in cells_of(lines, delimiter)]
     for index, name in enumerate(names):
         cells = {row[index] for row in rows if len(row) > index and row[index]}
@@ -224,7 +223,7 @@ def _refuse_open(path: Path, lines: Sequence[str], delimiter: str, names: Sequen
 
 
 def _with_bit(where: str, row: _Row) -> _Row:
-    """Split an address with a bit, such as 40001.3, into both. WiringError for an impossible bit."""
+    """Split an address with a bit, such as 40001.3, into both. Raises WiringError for an impossible bit."""
     address, point, behind = row.address.partition(".")
     if point and re.fullmatch(r"\d{1,2}", behind) and row.bit:
         raise WiringError(

@@ -13,7 +13,9 @@ from bench_sim.parameters.vehicle import load_vehicle
 def unit_of(
     kind: str, model: str | Path = "astb", load_case: str | None = None, vehicle: str | Path = "vehicle"
 ) -> Unit:
-    """Return the ``spring``, the ``bench`` or the ``car`` of these sets; `ParameterError` if one does not fit."""
+    """Return the ``spring``, the ``bench`` or the ``car`` of these sets. Raises `ParameterError` if one does not
+    fit.
+    """
     parameters = load(model, load_case)
     if kind == "car":
         return car(parameters, load_vehicle(vehicle))

@@ -122,7 +122,7 @@ class FaultChoice:
         return self.default or ""
 
     def read(self, text: Any, sensor: str) -> str:
-        """Return ``text`` if it is one of the choices; FaultError if it is not."""
+        """Return ``text`` if it is one of the choices. Raises FaultError if it is not."""
         del sensor
         if str(text) in self.choices:
             return str(text)

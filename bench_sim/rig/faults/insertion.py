@@ -65,7 +65,7 @@ class TickFaults:
     def disturb(
         self, sensor: int, kind: DisturbanceKind, value: float, *, chance: float = 0.0, seed: int = 0
     ) -> Undo:
-        """Disturb a reading from now on. RuntimeError if too many are disturbed already."""
+        """Disturb a reading from now on. Raises RuntimeError if too many are disturbed already."""
         if len(self._rows) == DISTURBANCES_MAX:
             raise RuntimeError(
                 f"{DISTURBANCES_MAX} readings are disturbed already; switch off one of these faults first"
@@ -119,8 +119,7 @@ class ParameterFaults:
         self._changes: list[tuple[tuple[str, ...], Callable[[Any], None]]] = []
 
     def change(self, names: tuple[str, ...], change: Callable[[Any], None]) -> Undo:
-        """Alter the parameters ``names`` by ``change(record)`` until the returned function is called.
-
+        """Alter the parameters ``names`` by ``change(record)`` until the returned function is called. Raises
         RuntimeError for parameters of springs that an FMU computes.
         """
         self.own(names)

@@ -29,7 +29,7 @@ class FaultOrder(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 def read_time(name: str, text: str | None) -> float | None:
-    """Return a time like ``3 s`` in s; FaultError for anything else."""
+    """Return a time like ``3 s`` in s. Raises FaultError for anything else."""
     try:
         return None if text is None else read_value(name, text, "s")
     except ParameterError as error:

@@ -89,7 +89,7 @@ def initialize(
 ) -> list[Any]:
     """Create and initialize the instances with the springs as in ``feeds``; return the objects to keep alive.
 
-    Raises an exception of FMPy or FmuError for a failed call; ``e`` holds the call.
+    Raises an exception of FMPy, or FmuError for a call that failed; ``e`` has the number of the call.
     """
     kept: list[Any] = []
     version = coupling.fmu.version

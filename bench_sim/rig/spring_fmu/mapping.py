@@ -189,7 +189,7 @@ def _taken_names() -> dict[str, tuple[str, int]]:
 
 
 def _both_sides(keys: SpringMap) -> bool:
-    """Return whether one instance computes both springs; FmuError if names of both kinds are mixed."""
+    """Return whether one instance computes both springs. Raises FmuError if names of both kinds are mixed."""
     kinds = {("." in name) for name in (*keys.inputs, *keys.outputs)}
     if len(kinds) == 2:
         raise FmuError(

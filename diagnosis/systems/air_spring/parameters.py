@@ -273,7 +273,7 @@ def hypotheses(effects: Mapping[str, bench.Effect], possible: Callable[[str], bo
 
 
 def locate(name: str, effects: Mapping[str, bench.Effect]) -> tuple[bench.Effect, int | None]:
-    """Return the bench's effect of a cause, and the index of its side; KeyError for an unknown one."""
+    """Return the bench's effect of a cause, and the index of its side. Raises KeyError for an unknown one."""
     root, _, place = name.partition(".")
     return effects[root], effects[root].places.index(place) if place else None
 

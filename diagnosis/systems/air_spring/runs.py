@@ -140,7 +140,7 @@ def _before(experiment: Experiment, late: float | Array) -> dict[str, Array]:
 
 
 def given(experiment: Experiment, name: str, default: float | None = None) -> Array:
-    """Return an input (n,) of an experiment, or its default; DiagnosisError without both."""
+    """Return an input (n,) of an experiment, or its default. Raises DiagnosisError without both."""
     values = experiment.inputs.get(name)
     if values is not None:
         return values

@@ -24,7 +24,9 @@ _CALLS: Final = {
 
 
 class FmuPool:
-    """Simulates one FMU; `simulate` may be called from several threads. DiagnosisError if it cannot be unpacked."""
+    """Simulates one FMU; `simulate` may be called from several threads. Raises DiagnosisError if it cannot be
+    unpacked.
+    """
 
     def __init__(self, fmu: Fmu, timeout: float = TIMEOUT) -> None:
         self.fmu, self._timeout = fmu, timeout
@@ -35,7 +37,9 @@ class FmuPool:
             raise DiagnosisError(str(error)) from None
 
     def simulate(self, request: SimulationRequest) -> NDArray[Any]:
-        """Return the outputs (n, k) of a simulation. DiagnosisError if the FMU refuses a call, crashes or hangs."""
+        """Return the outputs (n, k) of a simulation. Raises DiagnosisError if the FMU refuses a call, crashes or
+        hangs.
+        """
         try:
             worker = self._free.pop()
         except IndexError:

@@ -381,7 +381,7 @@ class _Maker:
         return spread
 
     def _bounds(self, one: Variable, low: str | None, high: str | None, where: str) -> tuple[float, float]:
-        """Return the range of the map in SI. DiagnosisError if it exceeds that of the FMU."""
+        """Return the range of the map in SI. Raises DiagnosisError if it exceeds that of the FMU."""
         own = [one.unit.to_si(bound) for bound in (one.low, one.high)]
         given = [
             otherwise if text is None else self._quantity(one, text, f"{where}.{key}")

@@ -126,9 +126,8 @@ def _ssv(fmu: Fmu, values: Mapping[str, float]) -> bytes:
 
 
 def read_values(path: Path, fmu: Fmu, where: str) -> dict[str, float]:
-    """Return the values (SI) that a parameter set (SSV) gives variables of an FMU.
-
-    DiagnosisError for another file format and for units that differ from the FMU's; FmuError for unknown variables.
+    """Return the values (SI) that a parameter set (SSV) gives variables of an FMU. Raises DiagnosisError for another
+    file format and for units that differ from the FMU's. Raises FmuError for unknown variables.
     """
     require_fmpy()
     from fmpy.ssp.ssd import read_ssv

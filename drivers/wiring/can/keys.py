@@ -57,7 +57,7 @@ class CommonKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class SignalKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True, rename={"is_float": "float"}):
-    """A point of a CAN message: number = scale · raw + offset. With a DBC only ``null`` is left to say."""
+    """A point of a CAN message: number = scale · raw + offset. With a DBC only ``null`` may be given."""
 
     start: Annotated[int, Meta(ge=0, le=8 * FD_LENGTH_MAX - 1)] | None = None  #: bit, counted as in a DBC
     length: Annotated[int, Meta(ge=1, le=64)] | None = None  #: bits

@@ -63,7 +63,7 @@ class Reception:
         return found
 
     def _from_its_source(self, message: Message, identifier: int, exact: bool, time: int) -> bool:
-        """Return whether a frame comes from the accepted source; two sources of one group are two devices."""
+        """Return whether a frame comes from the accepted source, because two sources of one group are two devices."""
         source = j1939.source_of(identifier)
         if message.keys.source is not None:
             return source == message.keys.source

@@ -379,7 +379,9 @@ class CanTransport(Transport):
         return LIFE_SIGNS * max((one.every for one in self._messages.values()), default=0.0)
 
     def write(self, points: Mapping[str, float]) -> None:
-        """Send points in the given order, neighbours of one message in one frame. ValueError if one does not fit."""
+        """Send points in the given order, neighbours of one message in one frame. Raises ValueError if one does not
+        fit.
+        """
         taken = self._taken(points)
         self._listener.check()
         self._grant.begin()

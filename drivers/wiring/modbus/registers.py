@@ -46,7 +46,7 @@ _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_.]*")
 
 
 class PointKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """A point of a Modbus device: number = scale · what the registers hold + offset."""
+    """A point of a Modbus device: number = scale · register value + offset."""
 
     table: TableName
     address: Annotated[int, Meta(ge=0, le=0xFFFF)]  #: of the first register, 0-based
