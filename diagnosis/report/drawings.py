@@ -165,14 +165,7 @@ def panel_map(name: str, rows: Sequence[PanelRow]) -> str:
             if row.significant:
                 ink = "white" if depth > 0.6 else INK
                 axes.text(x, y, _short(size), ha="center", va="center", fontsize=6.5, color=ink)
-        axes.set_xlim(-0.5, len(channels) - 0.5)
-        axes.set_ylim(len(tests) - 0.5, -0.5)
-        axes.set_yticks(range(len(tests)), tests, color=INK)
-        axes.set_xticks(range(len(channels)), channels, rotation=52, ha="left", color=INK)
-        axes.xaxis.tick_top()
-        axes.grid(visible=False)
-        for side in axes.spines.values():
-            side.set_visible(False)
+        _name_cells(axes, channels, tests)
         return _sized(svg(figure, name), width + right)
 
 
@@ -198,15 +191,18 @@ def cosine_map(name: str, confusability: Confusability) -> str:
                 if cosine > 0.9:
                     text = f"{cosine:.2f}".lstrip("0")
                     axes.text(j, i, text, ha="center", va="center", fontsize=6.5, color="white")
-        axes.set_xlim(-0.5, len(effects) - 0.5)
-        axes.set_ylim(len(effects) - 0.5, -0.5)
-        axes.set_yticks(range(len(effects)), effects, color=INK)
-        axes.set_xticks(range(len(effects)), effects, rotation=52, ha="left", color=INK)
-        axes.xaxis.tick_top()
-        axes.grid(visible=False)
-        for edge in axes.spines.values():
-            edge.set_visible(False)
+        _name_cells(axes, effects, effects)
         return _sized(svg(figure, name), width)
+
+
+def _name_cells(axes: Axes, columns: Sequence[str], rows: Sequence[str]) -> None:
+    axes.set_xlim(-0.5, len(columns) - 0.5)
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_yticks(range(len(rows)), rows, color=INK)
+    axes.set_xticks(range(len(columns)), columns, rotation=52, ha="left", color=INK)
+    axes.xaxis.tick_top()
+    axes.grid(visible=False)
+    axes.spines[:].set_visible(False)
 
 
 def _room(names: Sequence[str], least: float = 0.0) -> float:
