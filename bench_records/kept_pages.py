@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from markupsafe import Markup
+from msgspec.structs import replace
 
 from bench_records.disk import kept
 from bench_records.document import (
@@ -22,17 +23,15 @@ from bench_records.document import (
     table,
 )
 from bench_records.plots import ALARM, PALETTE, SOFT, heading, number, panel, style, svg
+from bench_records.report_plots import curve_panel
 from bench_records.result import Check
 from bench_records.typography import THIN_SPACE, fixed, primed, significant, unit, with_uncertainty
 
 if TYPE_CHECKING:
-    from bench_records.comparison import CheckPair, Comparison, CurvePair
+    from bench_records.comparison import CheckPair, Comparison
     from bench_records.index import KeptCheck
     from bench_records.trend import Trend
 
-#: Colours of A and B in all drawings.
-_TONES = (PALETTE[0], PALETTE[1])
-_LOOP_POINTS = 900
 #: Larger relative changes are not shown, because A was near zero.
 _TIMES = 10.0
 #: Up to these limits the time axis is in hours (days ≤ 3), and in minutes (hours ≤ 3).
@@ -58,7 +57,10 @@ def write_comparison(comparison: Comparison, path: Path) -> None:
     ends = zip("AB", comparison.verdicts, comparison.circumstances, strict=True)
     facts = [(fact.what.replace("_", " "), fact.a or "–", fact.b or "–") for fact in comparison.facts]
     drawings = [
-        _overlay(f"curve{number}", pair) for number, pair in enumerate(comparison.curves) if pair.a.xs
+        curve_panel(f"curve{number}", " · ".join(filter(None, (pair.group, pair.name))), renamed)
+        for number, pair in enumerate(comparison.curves)
+        for renamed in [[replace(pair.a, name="A"), replace(pair.b, name="B")]]
+        if pair.a.xs
     ]
     bars = any(one.expanded for pair in comparison.curves for one in (pair.a, pair.b))
     rows = [comparison_row(pair) for pair in comparison.checks]
@@ -145,28 +147,6 @@ def _figure(value: float, one: Check, *, sign: bool = False) -> str:
 def _limits(one: Check) -> str:
     low, high = ("" if n is None else _figure(n, one) for n in (one.low, one.high))
     return f"{low} … {high}".strip()
-
-
-def _overlay(name: str, pair: CurvePair) -> str:
-    """Draw both curves in one diagram, B on top of A."""
-    x, y = pair.a.x, pair.a.y
-    with style():
-        figure, axes = panel(3.1, width=4.72, left=0.72, right=0.14, bottom=0.62, top=0.32)
-        for one, tone, label, wide in ((pair.a, _TONES[0], "A", 2.2), (pair.b, _TONES[1], "B", 1.1)):
-            step = 1 if one.kind == "sweep" else max(1, len(one.xs) // _LOOP_POINTS)
-            xs, ys = (
-                [math.nan if n is None else axis.shown(n) for n in series[::step]]
-                for series, axis in ((one.xs, x), (one.ys, y))
-            )
-            if any(one.expanded):
-                reach = [math.nan if n is None else n / y.scale for n in one.expanded]
-                axes.errorbar(xs, ys, reach, fmt="none", ecolor=tone, elinewidth=0.9, capsize=3)
-            mark = "o" if one.kind == "sweep" else ""
-            axes.plot(xs, ys, color=tone, linewidth=wide, marker=mark, markersize=4, label=label)
-        axes.legend(frameon=False, loc="best")
-        heading(axes, " · ".join(filter(None, (pair.group, pair.name))), unit(y.unit), primed(y.label))
-        axes.set_xlabel(", ".join(filter(None, (primed(x.label), unit(x.unit)))), loc="right")
-        return svg(figure, name)
 
 
 class Part(NamedTuple):
