@@ -9,6 +9,9 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+from markupsafe import Markup
+
 from astb_studies.paper.checks.evaluation import to_json
 from astb_studies.paper.closed_form import angular_frequency
 from astb_studies.paper.comfort import describe_mean_comfort
@@ -21,7 +24,7 @@ from astb_studies.paper.stated import spatial_correlation, tables, topologies
 from astb_studies.paper.study import FIGURES as DRAWN
 from astb_studies.paper.study import IDENTIFIED, ComfortRow, Progress, Study
 from astb_studies.paper.subject import Subject
-from bench_records.templates import environment
+from bench_records.document import Document
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
 PAGE: Final = "index.html"
 CLAIMS: Final = "claims.json"
 TABLE: Final = "comfort.csv"
+_HERE: Final = Path(__file__).parent
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +66,8 @@ def write(executor: Executor, study: Study, out: Path, progress: Progress) -> Pa
     to_json(study.entries, out / CLAIMS)
     (out / TABLE).write_text(comfort_csv(study), encoding="utf-8", newline="\n")
 
-    pages = environment(Path(__file__).parent)
-    pages.filters["signed"] = signed
     rows = list(_rows(study.entries))
-    text = pages.get_template("page.html.j2").render(
+    text = _template().render(
         study=study,
         sections=[
             (one.name, one.title, one.caption, comparisons_of(study, one.name), drawings[one.name])
@@ -94,9 +96,25 @@ def write(executor: Executor, study: Study, out: Path, progress: Progress) -> Pa
         tone=_tone,
     )
     page = out / PAGE
-    page.write_text(text, encoding="utf-8", newline="\n")
+    kind = f"astb paper{' --quick' if study.quick else ''}\u2002·\u2002seed {study.seeds[0]}"
+    style = (_HERE / "page.css").read_text(encoding="utf-8")
+    document = Document("The paper on the bench", kind, [Markup(text)], style=style)
+    page.write_text(document.html(), encoding="utf-8", newline="\n")
     progress(DRAWN, len(futures) + 1, len(futures) + 1)
     return page
+
+
+def _template() -> Template:
+    """Return the template of the page; a missing value is an error."""
+    pages = Environment(
+        loader=FileSystemLoader(_HERE),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    pages.filters["signed"] = signed
+    return pages.get_template("page.html.j2")
 
 
 # -- tables --------------------------------------------------------------------------------------------------------
