@@ -102,7 +102,7 @@ def test_a_wind_that_shears_more_than_the_track_leaves_stiffness_unjudged(judged
     stiff = next(one for one in result.checks if one.name == "lateral stiffness K'")
     assert result.verdict is Outcome.INCOMPLETE, result.reason or failed
     assert stiff.verdict is CheckVerdict.NOT_AVAILABLE
-    assert "times as far as the track; the limits hold up to 0.6" in stiff.note
+    assert "times as far as the track; the limits hold up to 0.5" in stiff.note
 
 
 @slow
