@@ -29,7 +29,7 @@ _OUTCOMES: Final = {
     Outcome.BLOCKED: "magenta",
 }
 
-#: How often a terminal is drawn again.
+#: Interval at which a terminal is redrawn.
 _PER_SECOND: Final = 4
 
 
@@ -44,7 +44,7 @@ class _Screen(Progress):
 
     @property
     def _asked(self) -> bool:
-        run = self.run  # once: it may be over by the next look
+        run = self.run  # read once, because it may be over at the next read
         return run is not None and run.question is not None
 
     def refresh(self) -> None:

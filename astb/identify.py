@@ -53,7 +53,7 @@ PROGRAMMES: Final[dict[str, "Programme"]] = {
     one.name: one for one in (IDENTIFICATION, SCREENING, *MENU.values())
 }
 _OF_SENSORS: Final = frozenset(quantity.name for quantity in SENSOR_QUANTITIES)
-#: Of heights and lateral displacements at which the shape of a bellows is reported.
+#: Numbers of heights and lateral displacements at which the shape of a bellows is reported.
 _STEPS: Final = (20 * mm, 10 * mm, 5 * mm, 2 * mm, 1 * mm)
 
 

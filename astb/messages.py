@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from bench_records.result import Result
     from test_plans.operator import Answer, Operator, Question, QuestionBox
 
-#: A message that no one has taken by then is given up: the run does not wait for it, and its program no longer.
+#: A message that is not accepted by then is dropped: neither the run nor its program waits longer.
 WITHIN: Final = 10 * s
 _SCHEMES: Final = ("http", "https")
-#: Of the checks that failed so many are named.
+#: Largest number of failed checks that are named.
 _NAMED: Final = 20
 
 
@@ -132,7 +132,7 @@ class Messages:
 
     def __init__(self, to: Receiver) -> None:
         self._to = to
-        self.warn: Callable[[str], None] = lambda text: None  #: hears what did not get there
+        self.warn: Callable[[str], None] = lambda text: None  #: receives undelivered messages
 
     def ended(self, result: "Result", directory: Path) -> None:
         """Send the verdict at the end of a run."""

@@ -112,7 +112,7 @@ class Terminal(QuestionBox):
 
     def _read(self) -> None:
         try:
-            with suppress(OSError, ValueError):  # the terminal is gone, or its input is no text
+            with suppress(OSError, ValueError):  # the terminal is gone, or its input is not text
                 while self._wanted.wait() and (line := self._lines.readline()):
                     self._take(line)
         finally:  # after any error, this terminal gives no more answers

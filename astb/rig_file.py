@@ -48,7 +48,7 @@ class FaultEntry(msgspec.Struct, forbid_unknown_fields=True, frozen=True, rename
     name: str
     at: str = "0 s"  #: of the rig's time, which begins when it starts
     lasting: str | None = None
-    values: dict[str, str | int | float] = {}  #: of its parameters, each with its unit
+    values: dict[str, str | int | float] = {}  #: for its parameters, each with its unit
 
 
 class Simulation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -205,7 +205,7 @@ def _placed(simulation: Simulation, home: Path) -> Simulation:
 def _in_words(error: Exception, content: dict[str, Any]) -> str:
     """Return an error of msgspec about ``content`` as a sentence with key, value and correct form."""
     said, _, place = str(error).partition(" - at `$")
-    # Of a table with keys of the user's own msgspec says only that it is one of its values.
+    # For a table with keys of the user msgspec does not name the key.
     keys = [key for key in place.rstrip("`").replace("[...]", "").split(".") if key]
     tables: dict[str, type[msgspec.Struct]] = {
         "can": Can,

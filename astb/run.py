@@ -116,7 +116,7 @@ def run_plans(
                 results.append(result)
                 ended(result, directory)
                 if left_in_trouble(result) and plan is not part[-1]:
-                    # Whatever broke may have left air in the springs: a user has to look before the next plan.
+                    # After any error there may be air in the springs: a user must check before the next plan.
                     display.say(
                         f"the next plans were not run, because {plan.name} may have left air in the springs: look first"
                     )

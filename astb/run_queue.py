@@ -21,7 +21,7 @@ from bench_protocol.runtime.file_locks import hold
 from bench_protocol.runtime.own_folder import own_directory
 from bench_protocol.units import NS, s
 
-#: Time between two looks at the tickets.
+#: Interval between two checks of the tickets.
 _LOOK: Final = 1 * s
 
 

@@ -368,5 +368,5 @@ def ready_line(process: subprocess.Popen[str]) -> str:
     raise error(f"the rig could not be started: {reason}")
 
 
-#: What a record should say of the wires it came over.
+#: The data on the wires for the record.
 MAP_HASH: Final = f"{TABLE.map_hash:08x}"

@@ -32,7 +32,7 @@ _WIDE: Final = 1e12
 #: The plan that judges a load case at large.
 _PLANS: Final = {"AW0": "aw0", "AW3": "aw3"}
 _DIGITS: Final = 4
-#: Where a value is, by load case, limit and place on its curve (SI; None: it has no curve).
+#: Key of a value: load case, limit and place on its curve (SI; None without a curve).
 Place = tuple[str, str, float | None]
 Found = dict[Place, list[tuple[float, str]]]
 _DERIVED: Final = "derived"

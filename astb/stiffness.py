@@ -24,7 +24,7 @@ from test_plans.steps.shaking import AMPLITUDE
 
 #: A sine is measured over so long, and no less than two cycles; before it as long again passes, next to fading in.
 MEASURED: Final = 1 * s
-#: Relative, of the amplitude: the frame gives way.
+#: Relative, of the amplitude: the frame is compliant.
 NEAR: Final = 0.1
 #: More than this part of the motion is something else: no sine, or one that fades in or out.
 DISTORTED: Final = 0.02

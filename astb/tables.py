@@ -18,7 +18,7 @@ from rich.text import Text
 
 from astb.terminal import printable
 
-#: What does not go to a terminal is as wide as it needs to be.
+#: Output to a file has no limit of width.
 _UNFOLDED: Final = 200
 
 

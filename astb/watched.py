@@ -27,7 +27,7 @@ _QUIET: Final = 3.0
 #: A virtual run waits until the twin has seen all but the last s, and looks every so many s whether it has.
 _BEHIND: Final = 2.0
 _AGAIN: Final = 0.1
-#: Deviations are reported while the run lasts, at most so many s after the twin has kept them.
+#: Largest delay (s) of the report of a deviation during a run, after the twin has stored it.
 _NEWS: Final = 0.5
 
 

@@ -30,7 +30,7 @@ NO_SAMPLE: Final = -0x8000
 SAMPLE_MAX: Final = 0x7FFF
 _PERIOD: Final = round(1.0 / (FAST_RATE * ms))
 
-#: All measurements, and what the bench did.
+#: All measurements, and the state of the bench.
 CHANNELS: Final = (
     *(signal.name for signal in TABLE.of_kind(Kind.MEASUREMENT)),
     "rig.state",
@@ -74,7 +74,7 @@ def files_of(incident: Incident) -> dict[int, list[int]]:
     return files
 
 
-#: Reads so many registers from one place of a file: (file, record, count).
+#: Reads ``count`` registers of a file: (file, record, count).
 ReadFile = Callable[[int, int, int], Sequence[int]]
 
 

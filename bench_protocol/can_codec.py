@@ -40,7 +40,7 @@ _MESSAGE: Final = np.dtype(
         ("protection", "<i8"),
         ("data_id", "<i8"),
         ("bound", "<i8"),  # 1: the CRC takes the data id exclusive-or the token
-        ("token_bit", "<i8"),  # where the token stands, -1 where it does not
+        ("token_bit", "<i8"),  # bit of the token, -1 if there is none
         ("counter_bit", "<i8"),
         ("period", "<i8"),
     ]
@@ -362,7 +362,7 @@ class Decoder:
         ANYBODY  #: accept the commands with this token; it is needed for frames that carry it in their CRC
     )
     latest: npt.NDArray[np.float64] = field(init=False)  #: last value by table row, NaN before the first
-    latest_times: npt.NDArray[np.int64] = field(init=False)  #: when it came (ns), -1 before the first
+    latest_times: npt.NDArray[np.int64] = field(init=False)  #: time of reception (ns), -1 before the first
     message_times: npt.NDArray[np.int64] = field(init=False)
     counters: npt.NDArray[np.int64] = field(init=False)  #: last counter by message row, -1 before the first
     tally: npt.NDArray[np.int64] = field(init=False)

@@ -34,7 +34,7 @@ HEARTBEAT_MS: Final = 1000
 HEARTBEAT_MS_MIN: Final = 100
 #: The shortest period of SYNC that the bus has room for (µs).
 SYNC_US_MIN: Final = 10_000
-#: Frames a second that heartbeats and SYNC take at the most.
+#: Largest number of heartbeat and SYNC frames in a second.
 SERVICE_RATE_MAX: Final = 1e3 / HEARTBEAT_MS_MIN + 1e6 / SYNC_US_MIN
 
 #: Bits of a COB-ID parameter: of SYNC, that the node produces it; of a TPDO, that no remote frame fetches it, and that

@@ -21,7 +21,7 @@ _MiB: Final = 1 << 20
 #: The error for a file that exceeds a limit.
 Unfit = file_text.Unfit
 
-#: A file that people write, or a description: TOML, JSON, a list of registers.
+#: A handwritten file, or a description: TOML, JSON, a list of registers.
 DESCRIPTION_BYTES: Final = 4 * _MiB
 #: A result, a note or a finding: the longest plans need some 100 KiB, and JSON takes 25 times as much memory.
 RESULT_BYTES: Final = 16 * _MiB
@@ -61,7 +61,7 @@ TIME: Final = 9.0e9
 DEPTH: Final = 32
 #: Tables that all dotted keys and headers of a TOML file may name: the parser takes 1 KiB for each.
 NAMED_TABLES: Final = 200_000
-#: Texts and comments of TOML. One without an end goes on to the end of the line, or of the file.
+#: Texts and comments of TOML. One without an end extends to the end of the line, or of the file.
 _TEXT: Final = re.compile(
     r'"""(?:[^"\\]|\\.|"(?!""))*+(?:"""|\Z)' + r"|'''(?:[^']|'(?!''))*+(?:'''|\Z)"
     r'|"(?:[^"\\\n]|\\[^\n])*+"?' + r"|'[^'\n]*+'?|#[^\n]*+",

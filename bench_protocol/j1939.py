@@ -43,7 +43,7 @@ def missing(raw: int, bits: int) -> Literal["", "not available", "error"]:
 
 #: Groups of connection management (TP.CM) and of data (TP.DT).
 ANNOUNCES, CARRIES = 0xEC00, 0xEB00
-_TO_SEND, _TO_ALL, _ABORT = 16, 32, 255  #: what TP.CM says first: RTS, BAM, and that it ends
+_TO_SEND, _TO_ALL, _ABORT = 16, 32, 255  #: first byte of TP.CM: RTS, BAM, and end
 _IN_A_PACKET: Final = 7
 _PRIORITY: Final = 6
 #: Longer than any pause that SAE J1939-21 (5.10.2.4) allows between packets: T2 and T3, ns.

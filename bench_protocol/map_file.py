@@ -24,7 +24,7 @@ _HEAD: Final = 2
 _BYTES_MAX: Final = 2 * (10_000 - _HEAD)
 _TEXT_MAX: Final = 1_000_000
 
-#: Reads so many registers from one place of a file: (file, record, count).
+#: Reads ``count`` registers of a file: (file, record, count).
 ReadFile = Callable[[int, int, int], Sequence[int]]
 
 

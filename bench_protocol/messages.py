@@ -9,9 +9,9 @@ from typing import Final
 from bench_protocol.frames import STANDARD_ID_MAX
 
 FRAME_BITS: Final = 64
-#: A float64 holds integers of so many bits exactly.
+#: Number of bits of an integer that a float64 holds exactly.
 FIELD_BITS_MAX: Final = 53
-#: The signal with which a commander says whose frame this is: what the rig drew for it with the lease.
+#: The signal with the token of the commander, which the rig generated with the lease.
 TOKEN: Final = "control.token"
 #: Published as `rig.lease` while the token is known to the holder's Modbus connection alone. No token has this value.
 HIDDEN_TOKEN: Final = 0xFFFF

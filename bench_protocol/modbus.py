@@ -14,7 +14,7 @@ ILLEGAL_FUNCTION: Final = 1
 ILLEGAL_ADDRESS: Final = 2
 ILLEGAL_VALUE: Final = 3
 DEVICE_FAILURE: Final = 4
-#: "Device busy" in the specification; this bench says it to everybody but its one commander.
+#: "Device busy" in the specification; this bench sends it to every client but its commander.
 NO_AUTHORITY: Final = 6
 NO_SUCH_UNIT: Final = 0x0B
 
@@ -35,7 +35,7 @@ MEANING: Final[Mapping[int, str]] = {
 REGISTERS_READ_MAX: Final = 125
 REGISTERS_WRITE_MAX: Final = 123
 REGISTERS_READ_WRITE_MAX: Final = 121
-#: Of one place in a file: 245 bytes of an answer, less its length and its reference type.
+#: Registers of one part of a file: 245 bytes of an answer, less its length and its reference type.
 FILE_READ_MAX: Final = 121
 BITS_READ_MAX: Final = 2000
 BITS_WRITE_MAX: Final = 1968

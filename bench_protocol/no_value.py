@@ -21,9 +21,9 @@ _ERROR: Final = re.compile(
     r"neutral value|init\w*|out of range|overrange|underrange|(short|open) circuit|kurzschluss|unterbrechung)\b"
 )
 _NONE: Final = re.compile(r"\b(no|not|kein(e|er)?|ohne|without|free)\b|fehlerfrei")
-#: The codes at an end of a scale are one part in so many of it.
+#: The codes at an end of a scale are one part in this number of it.
 _END: Final = 16
-#: A signal without a unit is a number only from so many bits on.
+#: A signal without a unit counts as a number only with at least this many bits.
 _NUMBER_BITS: Final = 8
 
 

@@ -104,7 +104,7 @@ class Entry:
     sub: int
     name: str
     type: DataType
-    access: str = "ro"  #: ro, wo, rw, const, or rww: mapped into what the node receives
+    access: str = "ro"  #: ro, wo, rw, const, or rww: mapped to a frame that the node receives
     default: int | float | str | None = None
     low: int | None = None
     high: int | None = None

@@ -19,7 +19,7 @@ class Kind(StrEnum):
     """The writer of a signal, and its transport."""
 
     MEASUREMENT = "measurement"  #: a sensor of the rig: CAN and Modbus input registers
-    STATUS = "status"  #: what the rig says of itself: CAN and Modbus input registers
+    STATUS = "status"  #: state of the rig: CAN and Modbus input registers
     SETPOINT = "set-point"  #: streamed by the commander on CAN
     SETTING = "setting"  #: staged in Modbus holding registers, taken over by APPLY
     ACTION = "action"  #: a Modbus coil that acts on its rising edge

@@ -38,7 +38,7 @@ _SECONDS_MAX: Final = (1 << 63) // _NS_PER_S - 1
 
 # The two messages that carry frames, in their usual spelling: one pass of a regular expression over everything
 # that arrived. The repetitions are bounded, so that no line matched here can exceed LINE_MAX; any other
-# spelling goes the slower way through _Line.
+# spelling is parsed more slowly by _Line.
 _USUAL: Final = re.compile(
     rb"<[ \t]{1,8}(?:"
     rb"frame[ \t]{1,8}([0-9A-Fa-f]{1,8})[ \t]{1,8}([0-9]{1,10})\.([0-9]{1,9})[ \t]{1,8}((?:[0-9A-Fa-f]{2}){0,8})"

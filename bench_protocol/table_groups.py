@@ -19,10 +19,10 @@ class SensorRow:
     name: str  #: of the group, in parameter files
     _: KW_ONLY
     panel: str  #: title of its panel in a report
-    unit: str  #: what people read
+    unit: str  #: display unit
     carried: Ends  #: range on the wires
     step: float  #: resolution on the wires
-    at_rest: Ends  #: what it reads at rest, disarmed and without air
+    at_rest: Ends  #: reading at rest, disarmed and without air
     instrument: str  #: name of the instrument of the virtual bench
     type: str  #: of the instrument, in words
     reads: Ends  #: range of the instrument

@@ -29,7 +29,7 @@ from bench_protocol.words import (
     WAVES_AT_ONCE,
 )
 
-COUNT_MAX: Final = float(2**24 - 2)  # what 24 bits on CAN and a float32 register both hold exactly
+COUNT_MAX: Final = float(2**24 - 2)  # largest exact number in 24 bits on CAN and in a float32 register
 
 
 def _range(group: Group) -> tuple[str, float, float, float]:
@@ -371,7 +371,7 @@ INTERLOCKS: Final = (
     _contact("staged", 6, "Settings are staged and not yet applied"),
 )
 
-#: What plans and descriptions know of sensors that our bench has not.
+#: Sensors that plans and descriptions support, but our bench does not have.
 FURTHER: Final = tuple(
     Signal(
         f"load_cell.{number}",
@@ -383,7 +383,7 @@ FURTHER: Final = tuple(
     for number in (7, 8)
 )
 
-#: The chambers' pressures and temperatures, and what else comes from every sensor of a group, by group.
+#: The pressures and temperatures of the chambers, and other readings of every sensor of a group, by group.
 BY_GROUP: Final = {group: tuple(row.name for row in MEASUREMENTS if row.group is group) for group in Group}
 PRESSURES: Final = BY_GROUP[Group.PRESSURE]
 

@@ -6,7 +6,7 @@ import codecs
 from typing import Final
 
 UTF_8: Final = "UTF-8"
-#: What Windows of western Europe and America writes where it does not write Unicode.
+#: The code page of Windows in western Europe and America for text that is not Unicode.
 WINDOWS: Final = "cp1252"
 #: The longer marks first: that of UTF-32 begins as that of UTF-16 does.
 _MARKS: Final = (

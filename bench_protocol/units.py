@@ -42,7 +42,7 @@ class Unit(NamedTuple):
 
     si: str  #: the SI unit of the same quantity, in base units
     factor: float
-    zero: float = 0.0  #: what 0 of this unit is in SI; only temperatures have one
+    zero: float = 0.0  #: SI value of 0 in this unit; nonzero only for temperatures
 
 
 #: The units of parameter files, from which the project also chooses when it writes a value.

@@ -118,7 +118,7 @@ REASONS_OF_THE_LINK: Final = tuple(
 
 #: State of the air of the springs, whatever is ordered.
 AirFate = Literal["let off", "shut in", "as ordered"]
-#: By state: in a safe position both springs stand open to the atmosphere, in a fault that holds nothing opens.
+#: By state: in a safe position both springs are open to the atmosphere, in a holding fault all valves stay shut.
 AIR_BY_STATE: Final[dict[str, AirFate]] = {
     state.name: "as ordered"
     if state in LIVE

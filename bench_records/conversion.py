@@ -97,7 +97,7 @@ def _write_parquet(
         ]
     )
     facts = {**facts, "format": FORMAT, "signals": signals, "events": events}
-    # Under another name until it is whole: who finds a record.parquet finds a good one.
+    # Under another name until it is complete, so that every record.parquet is valid.
     unfinished = target.with_name(target.name + ".part")
     with (
         whole(unfinished, target),

@@ -15,7 +15,7 @@ class Axis(msgspec.Struct, frozen=True):
     label: str
     unit: str = ""
     scale: float = 1.0
-    zero: float = 0.0  #: where the unit begins to count (SI), 273.15 K for degC
+    zero: float = 0.0  #: zero of the unit (SI), 273.15 K for degC
 
     def shown(self, value: float) -> float:
         """Return a value (SI) in the display unit."""

@@ -18,8 +18,7 @@ _MET = {True: "met", False: "not met", None: "not judged"}
 
 
 def junit(result: Result) -> bytes:
-    """Return the XML: a failure is outside its limits, an error has no value, a skipped check is not available on the
-    rig.
+    """Return the XML: a failure is outside its limits, an error has no value, a skipped check is not available.
 
     The time of a check is the time since the previous check; the test case of the run has the time after the last one.
     Only a run in real time has a time stamp. The names of suite and cases include the parameters and the serial number

@@ -56,7 +56,7 @@ def write_pdf(page: Path) -> Path:
             "--no-pdf-header-footer",
             f"--user-data-dir={home}",
             f"--print-to-pdf={new}",
-            # Chromium refuses its sandbox to root, as whom containers run; the page is our own.
+            # Chromium has no sandbox for root, the user in containers; the page is our own.
             *(["--no-sandbox"] if is_root() else []),
             page.resolve().as_uri(),
         ]

@@ -229,7 +229,7 @@ class Recorder:
             self._put_back()
             raise
         finally:
-            # Held until there is a record: no one takes the run for one that was cut off.
+            # Locked until the record exists, so that the run does not look cut off.
             with suppress(OSError):  # a full disk refuses the last bytes again; the error is already reported
                 self._file.close()
             give_room(self.directory)

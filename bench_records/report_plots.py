@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 #: Dashes of the lines of the right axis, which distinguish them from the left ones without colour.
 DASH = (5.0, 1.8)
-#: Behind how many colours lines are distinguished by points, too.
+#: Number of colours after which lines are also distinguished by points.
 DOTS = (1.2, 1.2)
 
 # Two points for each bin: finer than a printer's dots on this width.
@@ -267,7 +267,7 @@ def curve_traces(curves: Sequence[Curve]) -> list[Trace]:
     for index, one in enumerate(curves):
         color, dash = look(index, one.name)
         if len(curves) > len(PALETTE):
-            # So many read best on a scale from dark to light; neighbours are distinguished by dashes, too.
+            # This many lines are legible on a scale from dark to light; neighbours are also distinguished by dashes.
             color = to_hex(colormaps["viridis"](0.88 * index / (len(curves) - 1)))
             dash = (DASH, ())[index % 2]
         step = 1 if one.kind == "sweep" else max(1, math.ceil(len(one.xs) / LOOP_POINTS))

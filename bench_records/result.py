@@ -99,7 +99,7 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
     parts: dict[str, float] = {}  #: its parts: standard uncertainty by cause
     without: str = ""  #: reason for a missing uncertainty
     conformity: float | None = None  #: the probability of lying within the limits
-    at: float | None = None  #: when it was judged, in seconds since the record began
+    at: float | None = None  #: time of the judgement, in seconds since the record began
     about: str = ""  #: the measured quantity and its purpose, in one sentence
     #: Clause or number that the check verifies, such as "EN 13597 7.3"; absent in the file if there is none.
     requirement: str | msgspec.UnsetType = msgspec.UNSET

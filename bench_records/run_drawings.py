@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from bench_records.report_plots import Series
 
 STRIP_STRETCHES = 400
-#: Next to the first: more are no longer read on paper.
+#: Next to the first; more columns are not legible on paper.
 TABLE_COLUMNS = 8
 #: Resolution for the zoom into the signals of a run: number of stretches with two points each.
 FINE = 4000

@@ -15,7 +15,7 @@ from bench_records.typography import THIN_SPACE, plain, seconds
 
 #: Roles of the signatures.
 ROLES: Final = ("tested by", "checked by", "approved by")
-#: The last day that there is: who writes it as when an instrument is due means that it never is.
+#: The last date in the calendar; as a due date of an instrument it means never.
 NO_DAY: Final = date.max.isoformat()
 NEVER: Final = "no due date"
 #: Number of characters of the record's checksum in the footer of every page.

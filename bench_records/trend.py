@@ -12,7 +12,7 @@ import msgspec
 from bench_records.index import KeptCheck
 
 DAY: Final = 86400.0
-#: Of the intervals that are reported.
+#: Confidence of the reported intervals.
 CONFIDENCE: Final = 0.95
 
 

@@ -32,7 +32,7 @@ class Parameter:
     name: str
     unit: str
     nominal: float
-    spread: float  #: standard deviation of the prior; inf: there is none
+    spread: float  #: standard deviation of the prior; inf: no prior
     low: float = -math.inf
     high: float = math.inf
     step: float = 0.0  #: of finite differences, in units of the parameter; 0: a hundredth of the spread
@@ -113,7 +113,7 @@ class Surface:
     coordinates: tuple[str, ...]  #: with units, e.g. "displacement in mm"
     coefficients: tuple[Parameter, ...]
     touches: frozenset[str] = frozenset()
-    #: Where each basis function lies, in the units of ``coordinates``.
+    #: Centre of each basis function, in the units of ``coordinates``.
     centres: tuple[tuple[float, ...], ...] = ()
 
 

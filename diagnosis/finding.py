@@ -70,7 +70,7 @@ class Cause(msgspec.Struct, frozen=True, kw_only=True):
     plain: str = ""  #: consequence, a clause without full stop; "": the title is enough
     phenomenon: str = ""  #: the phenomenon; "": no other law of it in the catalogue
     laws: list[Rival] = []  #: others of the phenomenon that these runs cannot separate from it
-    separated_by: str = ""  #: what would distinguish them; "" where nothing has to be
+    separated_by: str = ""  #: what would distinguish them; "" if nothing must be distinguished
     status: str = NAMED
 
 

@@ -50,12 +50,12 @@ HUB_HOST: Final = "127.0.0.1"
 HUB_PORT: Final = 29536
 
 _ARPHRD_CAN: Final = "280"
-_POLL: Final = 0.05  # s, how long a receiver may sleep before it looks whether it is to end
+_POLL: Final = 0.05  # s, longest wait of a receiver before it checks for its end
 _SEND_TIMEOUT: Final = 0.2  # s, for a full transmit queue
 _RECEIVE_BUFFER: Final = 16 << 20  # bytes; the kernel charges about 800 for a frame, so these are 20 000
 _BATCH_MAX: Final = 4096
 
-#: Where the kernel shows its interfaces.
+#: Folder in which the kernel lists its interfaces.
 _INTERFACES: Final = Path("/sys/class/net")
 
 # linux/socket.h, linux/can.h: numbers Python's socket module does not name.
@@ -320,7 +320,7 @@ class PythonCanPort:
         """Leave the bus. No callback follows after this returns. Repeated calls are harmless."""
         self._closing = True
         if isinstance(self._bus, HubBus):
-            self._bus.shutdown()  # which wakes the receiver; other buses are shut down only when no one reads
+            self._bus.shutdown()  # which wakes the receiver; other buses are shut down only when no thread reads
         if threading.current_thread() is not self._thread:
             self._thread.join()
         if self.wire is not None:

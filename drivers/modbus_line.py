@@ -57,7 +57,7 @@ class SharedClient:
         self._sent = 0  # ns, when
         self._lost = 0  # ns, when the first request that got no answer was sent; 0 for none
         self._silent_until = 0  # ns
-        self._slowest = 0.0  # s, of the answers that came in time
+        self._slowest = 0.0  # s, of the answers in time
         self._answers = 0  # on this connection
         self._in_a_row = 0
         self._there = False

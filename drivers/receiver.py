@@ -38,7 +38,7 @@ class Receiver:
         self.sink: Sink | None = None
         self.failure: Exception | None = None  #: exception of the sink, which is then not called again
         self.needed = True  #: whether a plan must be informed of it
-        #: Hz, by signal: how often it came in the last capture that was aligned or averaged.
+        #: Hz, by signal: its receive rate in the last capture that was aligned or averaged.
         self.rates: dict[str, float] = {}
 
     def receive(self, times: Ints, rows: Ints, values: Floats, fresh: Ints | int) -> None:

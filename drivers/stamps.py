@@ -17,7 +17,7 @@ SO_TIMESTAMPING: Final = 37
 TIMESTAMPING: Final = 1 << 2 | 1 << 3 | 1 << 4 | 1 << 6
 _TIMESPEC: Final = struct.Struct("@ll")
 _NS: Final = 1_000_000_000
-#: What two clocks may drift apart by in a second, ns: a crystal is good for 100 millionths.
+#: Largest drift of two clocks in a second, ns: the error of a crystal is below 100 ppm.
 _DRIFT: Final = 1e-4
 #: Stamps of one bus may be out of order by this (ns): a hub stamps what clients send when it arrives, and the frames
 #: of the rig with the time of their tick.
@@ -66,7 +66,7 @@ class StampClock:
 
     def __init__(self, *, drifts: bool = False) -> None:
         self._drift, self._slack = (_DRIFT, 0) if drifts else (0.0, _NEAR)
-        self.steps = 0  #: how often the other clock was set, by more than stamps may be out of order
+        self.steps = 0  #: times that the other clock was set, by more than stamps may be out of order
         self._offset: int | None = None  # ns, from the other clock to ours
         self._newest = 0
         self._begin, self._frames, self._least = 0, 0, 0  # of the window: arrival, frames, smallest lag

@@ -17,7 +17,7 @@ _NOT_FOLLOWED: Final = frozenset(
     {"RETURN_VALUE", "RETURN_CONST", "RAISE_VARARGS", "RERAISE", "JUMP_FORWARD", "JUMP_BACKWARD"}
     | {"JUMP_BACKWARD_NO_INTERRUPT"}
 )
-#: What no plan is in.
+#: Packages that contain no plan.
 _FOREIGN: Final = sys.stdlib_module_names | {"bench_protocol", "bench_records", "drivers", "numpy", "scipy"}
 
 

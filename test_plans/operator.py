@@ -81,7 +81,7 @@ class NoOperator:
         pass
 
 
-#: What a script says to a question: an answer, or a function that does something and returns one.
+#: An entry of a script: an answer, or a function that performs an action and returns an answer.
 Reply = str | Callable[[Question], str]
 
 
@@ -119,7 +119,7 @@ class QuestionBox:
         self._lock = threading.Lock()
         self._question: Question | None = None
         self._answer: Answer | None = None
-        self._asked = 0  # when, in ns of people's clock
+        self._asked = 0  # start of the question, ns of the real clock
         self._clock = RealClock()
 
     @property

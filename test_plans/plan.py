@@ -54,7 +54,7 @@ class Plan:
     requires: tuple[Precondition, ...] = ()
     checks: tuple[CheckName, ...] = ()
     judges: bool = (
-        True  #: whether its checks say something of the product, or it only moves the springs for a diagnosis
+        True  #: whether its checks judge the product; False if it only moves the springs for a diagnosis
     )
 
     def given(self, texts: Mapping[str, Any]) -> Plan:

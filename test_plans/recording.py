@@ -68,7 +68,7 @@ class Recording:
     def take(self, times: Instants, rows: Rows, values: Floats) -> None:
         """Record received samples (ns, table rows, SI). Raises RecordError if the disk has failed."""
         column = self._column[rows]
-        reported = column >= 0  # with a lease, the rig's answer says again what the asker said
+        reported = column >= 0  # with a lease, the rig's answer repeats the request
         places = self._watched[rows].nonzero()[0]
         with self._lock:
             self._recorder.receive(times[reported], column[reported], values[reported])

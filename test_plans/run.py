@@ -155,7 +155,7 @@ class Run:
     warnings: list[str] = field(default_factory=list)  #: shown with the result
     checks: list[Check] = field(default_factory=list)
     curves: list[Curve] = field(default_factory=list)
-    phases: list[RecordedEvent] = field(default_factory=list)  #: where each began and ended
+    phases: list[RecordedEvent] = field(default_factory=list)  #: start and end of each
     driven: list[Driven] = field(default_factory=list)  #: waves under amplitude control
     disturbed: dict[str, int] = field(default_factory=dict)  #: late ticks during the measurement, by check
     #: Parts of the plan that follow the present one; None outside the execution of a plan.

@@ -27,7 +27,7 @@ PACKAGE: Final = "specimens"
 #: Name of the default specimen.
 ORDINARY: Final = "astb"
 
-#: What a drawing states, each with its SI unit.
+#: Properties in a drawing, each with its SI unit.
 DRAWING: Final = {
     "bellows_volume": "m3",
     "auxiliary_volume": "m3",
@@ -36,7 +36,7 @@ DRAWING: Final = {
     "emergency_stiffness_vertical": "N/m",
     "emergency_stiffness_lateral": "N/m",
 }
-#: What a drawing may state besides.
+#: Optional properties in a drawing.
 GROWTH: Final = {"effective_area_growth": "m2/Pa", "area_reference_pressure": "Pa"}
 #: Largest difference between preload and pressure times area, as a fraction of the preload; shell and rubber carry it.
 BORNE_OTHERWISE: Final = 0.05

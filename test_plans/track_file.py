@@ -25,21 +25,21 @@ from bench_records.tables.reading import read_sheet
 from bench_records.tables.sheet import Sheet
 from test_plans.analysis import Samples
 
-#: What a platform follows, by what a column is called; the SI unit of the column.
+#: Axes of the platform by name of the column, and the SI unit of the column.
 WAYS: Final[Mapping[str, tuple[str, str]]] = {
     "vertical": ("platform.vertical", "m"),
     "lateral": ("platform.lateral", "m"),
     "cant": ("platform.roll", "m"),
     "roll": ("platform.roll", "rad"),
 }
-#: By what a table goes on, and its SI unit.
+#: The abscissa of a table, and its SI unit.
 CLOCKS: Final[Mapping[str, str]] = {"distance": "m", "time": "s"}
 _NAMED: Final = re.compile(r"\s*(?P<name>[^\[(]*?)\s*(?:[\[(](?P<unit>[^\])]*)[\])])?\s*")
 #: Distance between the middles of the rails, to which cant refers (EN 13848-1).
 BASE: Final = 1.5 * m
-#: Fewer rows are no track.
+#: Smallest number of rows of a track.
 LEAST_ROWS: Final = 8
-#: A step that is so many times as long as most is a gap.
+#: A step longer than most by this factor is a gap.
 GAP: Final = 4.0
 
 

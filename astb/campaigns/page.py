@@ -39,7 +39,7 @@ from bench_records.document import (
 from bench_records.typography import primed, significant, unit
 from bench_records.workbook import workbook, write_row
 
-#: Of a distribution's picture (px).
+#: Size of a distribution's drawing (px).
 WIDTH, HEIGHT = 260.0, 18.0
 _STYLE: Final = """\
 body { max-width: 92rem; }

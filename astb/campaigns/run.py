@@ -98,7 +98,7 @@ def _keep(kept: KeptRows, one: Finished, facts: dict[str, Any]) -> dict[str, Any
     try:
         if not isinstance(one.value, Mapping | None):
             raise ValueError(f"the case returned {type(one.value).__name__}; it must return a dictionary")
-        row = {**known, **(one.value or {}), **known, **told}  # what a case returns does not rename it
+        row = {**known, **(one.value or {}), **known, **told}  # a result does not rename its case
         kept.add(row)
     except KeptFailed:
         raise

@@ -124,7 +124,7 @@ def investigate_command(
 
     rig, path = read_rig(rig_named)
     rig = simulated(rig, path, None, effects, sealed)
-    # Anyone who ends the run, tear-down runs.
+    # The tear-down runs after any end of the run.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         done = investigate_rig(rig, path, virtual=virtual, seed=seed, budget=budget, model=model, out=out)

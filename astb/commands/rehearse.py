@@ -112,7 +112,7 @@ def rehearse_command(
     simulation = _simulation(rig, path, model, () if past else effects, sealed)
     console, ends = plain_console(), []
     try:
-        # Without answers a rehearsal asks no one: it shall come to its end by itself.
+        # Without answers a rehearsal asks nobody, because it must end by itself.
         operator = operator_for(answers, console) if answers else None
         others = {"simulation": simulation, "seed": seed, "specimen": specimen, "operator": operator}
         if past is not None:

@@ -201,9 +201,7 @@ def _captured(path: Path | None, *, live: bool) -> "Iterator[Capture | None]":
 
 def _listen(bench: "Rig", stop: threading.Event, until_eof: bool) -> None:
     """Let signals, and with ``until_eof`` the end of the standard input, stop the rig or actuate its emergency stop."""
-    if (
-        until_eof
-    ):  # anyone who started this rig holds the other end: the rig stops when its parent ends, however it does
+    if until_eof:  # the process that started this rig holds the other end, so the rig stops with it
         threading.Thread(target=_when_stdin_ends, args=(stop.set,), daemon=True).start()
     signal.signal(signal.SIGUSR1, lambda *_: bench.press_estop())
     signal.signal(signal.SIGUSR2, lambda *_: bench.release_estop())

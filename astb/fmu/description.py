@@ -10,7 +10,7 @@ from bench_protocol.rates import TICK
 from bench_protocol.unit_names import base_exponents
 from bench_protocol.units import WRITTEN_UNITS
 
-#: In which unit people read a quantity.
+#: Display unit of a quantity.
 _SHOWN: Final = {"m": "mm", "Pa": "bar", "N": "kN", "m3": "litre", "rad": "mrad"}
 
 

@@ -23,7 +23,7 @@ from bench_protocol.rates import TICK
 from bench_protocol.runtime import LINUX
 from bench_protocol.runtime.sources import digest_of
 
-#: What every processor of the architecture can do.
+#: Instructions that every processor of the architecture has.
 _BASELINE: Final = {"x86_64": "x86-64", "aarch64": "generic"}
 
 
@@ -62,7 +62,7 @@ def write_object(
     to.write_bytes(emitter.emit_object(module))
 
 
-#: Versions of FMI that there are.
+#: Supported versions of FMI.
 VERSIONS: Final = (2, 3)
 _FLAGS: Final = ("-O2", "-std=c99", "-fPIC", "-fvisibility=hidden", "-Wall", "-Wextra", "-Werror")
 _COMPILED: Final = ("advance", "start")

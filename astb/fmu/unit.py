@@ -17,9 +17,9 @@ from bench_sim.parameters.loading import Entry
 class Kind(IntEnum):
     """The storage of a variable in an instance of the FMU."""
 
-    MOTION = 0  #: input with which the instance goes on within a communication step
+    MOTION = 0  #: input that the instance uses within a communication step
     INPUT = 1  #: input, held over a communication step
-    BEGIN = 2  #: parameter of the beginning: how much of its air is there
+    BEGIN = 2  #: initial parameter: the share of its air
     FIXED = 3  #: parameter that stays once the FMU has begun
     TUNABLE = 4  #: parameter
     OUTPUT = 5
@@ -73,9 +73,9 @@ class Code:
     outputs: int
     #: Rows of the working memory; each is as long as all states.
     rows: int
-    #: So many bytes of ``memory`` are written, from its first on.
+    #: Number of bytes of ``memory`` that are written, from the first on.
     remembered: int
-    #: The file of C that says where the model holds.
+    #: The C file that checks where the model is valid.
     checks: str
 
 
@@ -88,7 +88,7 @@ class Unit:
     said: str
     about: tuple[str, ...]
     variables: Sequence[Variable]
-    #: What its parameters are until a user sets them, as numbers one behind the other.
+    #: Default values of its parameters, as consecutive numbers.
     defaults: NDArray[np.float64]
     #: Places by the names that C has for them.
     places: Mapping[str, int]

@@ -35,9 +35,9 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     answer_within: float | None = None  #: s until the question expires
     can_hold: bool = True  #: whether the plan has places where it can be held
     cannot_hold: str = ""  #: why it cannot be held from now on, "" if it can
-    held: str = ""  #: where the run is held, "" if it goes on
+    held: str = ""  #: hold point of the run, "" if it is not held
     hold_wanted_by: str = ""  #: user who requested the hold, at once or at the next possible place
-    checks: dict[str, int] = {}  #: how many so far, by verdict
+    checks: dict[str, int] = {}  #: number so far, by verdict
     failed: tuple[str, ...] = ()  #: failed checks and checks without a value, as text
     last_check: str = ""
     readings: tuple[LiveReading, ...] = ()

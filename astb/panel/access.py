@@ -28,7 +28,7 @@ from bench_protocol.units import NS, s
 #: A page that commands and sends nothing for this time (a reload, a lost network) loses its seat.
 SEAT_KEPT: Final = 10 * s
 _COOKIE_AGE: Final = 30 * 24 * 3600
-#: Of one client and of all: a try each so many seconds, and so many that are free.
+#: For one client and for all: seconds for each try, and number of free tries.
 _EACH: Final = (1.0, 5)
 _ALL: Final = (0.1, 20)
 _LONGEST: Final = 4 * s

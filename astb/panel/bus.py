@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from bench_protocol.frames import Block
     from drivers.can_port import CanPort
 
-#: Who has not looked for so long no longer looks.
+#: A client without a request for this time counts as gone.
 LOOKS_FOR: Final = 10 * s
 #: Identifiers that are distinguished; frames of more are counted together.
 _IDENTIFIERS_MAX: Final = 256

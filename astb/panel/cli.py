@@ -133,7 +133,7 @@ def _serve(app: "ASGIApp", access: "Access", sockets: list[socket.socket], tell:
         if by in UNAWARES:
             click.echo(f"astb: the panel was ended by {by}", err=True)
 
-    # Not uvicorn's own: it says the signal again at the end, of which this process would die with its sockets open.
+    # Not uvicorn's own: it raises the signal again at the end, which would kill this process with open sockets.
     server.capture_signals = nullcontext  # type: ignore[method-assign, assignment]
     with ended_by(end):
         tell()

@@ -329,7 +329,7 @@ class Server(uvicorn.Server):
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Begin to serve."""
-        await super().startup([])  # which accepts no one
+        await super().startup([])  # without sockets it accepts no client
         protocol = partial(
             Requests,
             config=self.config,

@@ -11,7 +11,7 @@ from bench_protocol.units import NS, hours, minutes, ms
 
 Floats32 = npt.NDArray[np.float32]
 
-#: How finely and how long is kept: every sample of 200 Hz for two minutes, then as much as a picture has columns.
+#: Resolution and length of the history: all samples at 200 Hz for two minutes, then one value per column of a plot.
 LEVELS: Final = ((5 * ms, 2 * minutes), (100 * ms, 1 * hours))
 
 

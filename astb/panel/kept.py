@@ -38,7 +38,7 @@ FINDING: Final = "finding.json"
 ARCHIVE: Final = "archive"
 #: Drawings that a page of trends has at most: each takes a tenth of a second to make.
 TRENDS: Final = 60
-#: Ways to move a run that are no names.
+#: Values for moving a run that are not names.
 IN_ARCHIVE, OUT_OF_ARCHIVE = "/in", "/out"
 _NAME: Final = re.compile(r"\w[\w .-]{0,58}[\w-]|\w")
 

@@ -22,7 +22,7 @@ from bench_records.notes import FILE_MAX, NOTES, add_note, is_as_added, notes_of
 if TYPE_CHECKING:
     from astb.panel.answers import Parts
 
-#: What a browser may show as a picture; everything else is a file to be saved, which no browser runs.
+#: Types that a browser may show as a picture; all other files are only downloaded, so no browser runs them.
 PICTURES: Final = {
     ".png": "image/png",
     ".jpg": "image/jpeg",

@@ -26,13 +26,13 @@ from bench_records.result import read_result
 if TYPE_CHECKING:
     from astb.panel.answers import Parts
 
-#: What a rehearsal leaves, next to its record.
+#: The file of a rehearsal, next to its record.
 PAGE: Final = "rehearsal.html"
 _NAME: Final = "-rehearsal"
 _TAIL: Final = 4000  # characters
-#: What a run can go on with from an instant: options of `astb rehearse`.
+#: Changes of a run from an instant on: options of `astb rehearse`.
 CHANGES: Final = ("fault", "effect", "change")
-#: Of the processor a rig in real time goes first.
+#: A rig in real time has priority for the processor.
 _NICE: Final = ("nice", "-n", "15")
 
 

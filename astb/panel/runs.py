@@ -103,7 +103,7 @@ class Runs:
                 raise CannotDo(f"no data from the rig: {link}")
             told = {"specimen": specimen, "operator": operator, "ambient": ambient}
             self._launch(plan, settings, told, ["--watch"] if twin else [])
-            if self._stops != stops:  # anyone who stops meanwhile may not have seen it yet
+            if self._stops != stops:  # a stop that came meanwhile may not have reached the new process
                 assert self._process is not None
                 self._process.kill()
                 raise CannotDo("STOP was pressed while the run was starting; the run was ended at once")
@@ -116,7 +116,7 @@ class Runs:
         command += [part for name, text in settings.items() for part in ("--set", f"{name}={text}")]
         command += [f"--{name}={text}" for name, text in told.items() if text]
         command += more
-        if self._log is not None:  # no one asks for that of the run before
+        if self._log is not None:  # the log of the previous run is no longer requested
             self._log.unlink(missing_ok=True)
         lifeline = None if self._kept is None else self._kept.lifeline
         with tempfile.NamedTemporaryFile(prefix="astb-run-", suffix=".log", delete=False) as log:

@@ -58,7 +58,7 @@ VIEWS: Final = (
 
 _PAGE: Final = Path(__file__).parent / "page"
 _ASSETS: Final = Path(bench_records.__file__).parent / "assets"
-#: Everything comes from here.
+#: All content is from this server.
 _POLICY: Final = (
     "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; frame-ancestors 'none'"
 )

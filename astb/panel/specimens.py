@@ -26,7 +26,7 @@ from test_plans.specimen import ORDINARY, PACKAGE, Specimen, packaged, read_spec
 if TYPE_CHECKING:
     from astb.panel.answers import Parts
 
-#: Where the files lie that were brought, in the folder of the runs.
+#: Folder of the uploaded files, in the folder of the runs.
 FOLDER: Final = "specimens"
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9 _.-]{0,59}\.toml")
 

@@ -30,7 +30,7 @@ STATUS_EVERY: Final = 3  # pictures
 _AGAIN: Final = 150 * ms
 HEAD: Final = struct.Struct("<IIIIdd")
 _TRACES_MAX: Final = 12
-_NAME_MAX: Final = 64  # characters of what a page calls itself
+_NAME_MAX: Final = 64  # characters of the name of a page
 
 
 def _short(error: Exception) -> str:

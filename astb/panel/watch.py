@@ -209,7 +209,7 @@ class Watch:
             try:
                 self._follow(listening)
                 self.status = self._offline_status(listening.lost)
-            except Exception as error:  # whatever it was: what the page shows would go on as if it were so
+            except Exception as error:  # after any error the page would otherwise continue to show old values
                 self.status = self._offline_status(str(error) or type(error).__name__)
             finally:
                 self._listening = None

@@ -18,7 +18,7 @@ class Extreme(msgspec.Struct, frozen=True):
     """The lowest and highest value of a reading (SI, or SI per second for a speed), with time (s) and step."""
 
     signal: str
-    unit: str  #: that people read
+    unit: str  #: display unit
     scale: float  #: SI value of one of them
     low: float
     low_at: float

@@ -23,7 +23,7 @@ class Closest(NamedTuple):
     quantity.
     """
 
-    judged: float  #: what stood, for as long as the limit asks, farthest out; NaN if it never did
+    judged: float  #: the value farthest out for the duration that the limit requires; NaN if there is none
     tick: int  #: when, in ticks of the rig
     rest: float  #: first reading; 0 for a quantity without a position
 

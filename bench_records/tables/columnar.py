@@ -46,7 +46,7 @@ def _parquet(path: Path) -> pa.Table:
         chunks = [(one.column(k), width[k]) for one in groups for k in range(one.num_columns)]
         cells = sum(max(one.num_values * each, one.total_uncompressed_size) for one, each in chunks)
         check_expansion(path, max(cells, 8 * file.metadata.num_rows))
-        # A text that comes often is in a Parquet file once.
+        # A Parquet file stores a repeated text once.
         texts = [one.name for one in file.schema_arrow if _is_text(one.type)]
         file.close()
     with pq.ParquetFile(path, read_dictionary=texts) as file:

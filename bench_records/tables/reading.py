@@ -35,8 +35,8 @@ class Series(NamedTuple):
     name: str
     times: Numbers
     values: Numbers
-    unit: str = ""  #: as the file reports it, "" where it does not
-    start: int | None = None  #: when 0 s was, in ns since 1970, where the file reports it
+    unit: str = ""  #: as in the file, "" if it is not there
+    start: int | None = None  #: time of 0 s, in ns since 1970, if the file states it
     rows: npt.NDArray[np.int64] | None = None  #: the row of each sample in the file
     row_word: str = "sample"
 

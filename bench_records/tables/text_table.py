@@ -103,7 +103,7 @@ def _without_zeros(content: bytes, account: Account) -> bytes:
     lines = content.split(b"\n")
     cut = [number for number, line in enumerate(lines, 1) if b"\0" in line]
     if len(cut) * 10 > len(lines):
-        return content  # so many are in no text
+        return content  # no text has so many
     account.leave_out("line(s) with bytes 0, as after a power cut", len(cut), f"line {cut[0]}")
     return b"\n".join(b"" if b"\0" in line else line for line in lines)
 

@@ -31,7 +31,7 @@ def bolster_point(x: Any, par: Any, actuator: int) -> tuple[float, float]:
     else:
         arm = (1.0 - 2.0 * actuator) * par.actuator_half_spacing
         place = State.BOLSTER_VERTICAL
-    # The speeds stand three places behind the displacements.
+    # The speeds are three places behind the displacements.
     return (
         x[place] + arm * x[State.BOLSTER_ROLL],
         x[place + 3] + arm * x[State.BOLSTER_ROLL_SPEED],

@@ -40,7 +40,7 @@ class Algebraic(IntEnum):
     ACTUATOR_SPEED = 62  #: three
     BUMP_STOP = 65
     LATERAL_ACCELERATION = 66  #: of the bolster's centre, m/s²
-    ACCELEROMETER = 67  #: what an ideal accelerometer on the bolster reads, m/s²
+    ACCELEROMETER = 67  #: reading of an ideal accelerometer on the bolster, m/s²
     LEVELING_FLOW = 68  #: kg/s through the leveling valve into the auxiliary chamber, per side
     ORIFICE_FLOW = 70  #: kg/s from bellows to auxiliary chamber, per side
     DPV_FLOW = 72  #: kg/s from left to right

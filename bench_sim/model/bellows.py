@@ -11,9 +11,9 @@ from typing import Final
 from bench_sim.model.compiled import compiled
 from bench_sim.model.rubber import friction_limit
 
-#: A bellows is never empty: keeps the pressure finite while Newton's method looks around.
+#: A bellows is never empty: this keeps the pressure finite during Newton's method.
 SMALLEST_VOLUME: Final = 1e-3
-#: Newton's method goes no further at once, m, and no longer than so many steps.
+#: Limits of Newton's method: largest step (m), and number of steps.
 LONGEST_STEP: Final = 0.02
 ITERATIONS: Final = 40
 

@@ -146,7 +146,7 @@ def layout(instances: int, inputs: int, outputs: int) -> tuple[tuple[tuple[int, 
 #: States whose derivatives are sums of terms, and those that are integrated.
 _SUMMED: Final = int(State.EXTRA_VERTICAL_DASHPOT)
 INTEGRATED: Final = int(State.PIPE_FLOW)
-#: Inputs of the bench that are its valves, which stand first.
+#: Inputs of the bench that are its valves; these are first.
 _VALVES: Final = Input.DPV_CONNECTED + 1
 
 

@@ -16,7 +16,7 @@ RIGHT: Final = 1
 BRANCHES: Final = 3
 
 #: Branches and friction elements that the rubber may have beyond those of every spring.
-#: All effects at once need 9 and 3; what is not used costs nothing.
+#: All effects at once need 9 and 3; unused ones cost nothing.
 EXTRA_BRANCHES: Final = 12
 EXTRA_FRICTIONS: Final = 6
 

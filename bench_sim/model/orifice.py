@@ -6,7 +6,7 @@ from typing import Final
 from bench_sim.model.compiled import compiled
 from bench_sim.model.iso6358 import ISO_DENSITY, ISO_TEMPERATURE
 
-#: Of air at 20 °C, in Pa s.
+#: Viscosity of air at 20 °C, in Pa s.
 AIR_VISCOSITY: Final = 1.81e-5
 
 

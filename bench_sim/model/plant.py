@@ -61,7 +61,7 @@ class Plant:
         self.memory_array = np.zeros(1, MEMORY).view(np.recarray)
         self.memory: Any = self.memory_array[0]
         self.memory.seed = seed
-        #: How often the sensors have been read: picks the noise of the next reading.
+        #: Number of readings of the sensors, which selects the noise of the next reading.
         self.counter = 0
         self._slope = np.zeros(STATES)
         self._algebraic = np.zeros(ALGEBRAICS)

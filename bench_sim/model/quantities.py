@@ -28,8 +28,8 @@ class Lanes(Flag):
     UNKNOWN = 0
     COLUMN = auto()  #: trajectories depend on it, and the column of a spring holds it
     SURFACE = auto()  #: of a surface, which is next to the column
-    FEEDS = auto()  #: of what fills and exhausts a spring, where anything does
-    JOINS = auto()  #: of what joins both springs of a bench, where that opens or leaks
+    FEEDS = auto()  #: of the valve that fills and exhausts a spring, if there is one
+    JOINS = auto()  #: of the connection of both springs of a bench, if it opens or leaks
     NOT_IN_LANES = auto()  #: an imposed motion leaves it out, or readings alone depend on it
 
 
@@ -268,7 +268,7 @@ SENSOR_QUANTITIES: Final[tuple[Quantity, ...]] = (
         shape=_SENSOR,
         lanes=Lanes.NOT_IN_LANES,
     ),
-    # The maker's bound on the bias: nothing reads it but anyone who draws the bias of a rig as built.
+    # The maker's bound on the bias; it is used only to draw the bias of a rig as built.
     *_each("signal", "sensor_accuracy", shape=_SENSOR, lanes=Lanes.NOT_IN_LANES),
 )
 

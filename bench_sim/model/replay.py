@@ -68,7 +68,7 @@ def place(n: int, part: float, motion: Any, x: Any) -> None:
     a = part
     b = 1.0 - a
     for k in range(DIRECTIONS):
-        # The speeds of the bolster stand behind its displacements, and the platform behind both.
+        # The speeds of the bolster follow its displacements, and the platform follows both.
         to = State.BOLSTER_LATERAL + k + (3 if k >= 3 else 0)
         rise = q[n + 1, k] - q[n, k]
         start = motion.interval * motion.speed[n, k]
@@ -148,7 +148,7 @@ def settle(x: Any, mem: Any, par: Any, gas: Any, before: Any, out: Any) -> None:
         volume_a = par.auxiliary_volume[i]
         fill_chamber(x, par, State.AUXILIARY_MASS + i, pressure[2 + i], volume_a, temperature[2 + i])
         x[State.BELLOWS_WALL + i] = x[State.AUXILIARY_WALL + i] = settled_temperature(par)
-    spring_algebra(mem.time, x, mem, par, out)  # where the springs are: their gas is not right yet
+    spring_algebra(mem.time, x, mem, par, out)  # position of the springs: their gas is not correct yet
     for i in range(SIDES):
         z = out[Algebraic.HEIGHT + i] + x[State.CREEP + i]
         y = out[Algebraic.LATERAL + i]
@@ -190,8 +190,7 @@ def replay_samples(
     readings: Any,
     rows: Any,
 ) -> None:
-    """Settle at the first sample, integrate to the last with ``steps`` steps per interval, and write readings at each
-    sample.
+    """Settle at the first sample, integrate with ``steps`` steps per interval, and write readings at each sample.
 
     Shapes, n samples: ``inputs`` (n, INPUTS), ``supply`` (n), ``readings`` (n, SENSORS), ``rows`` (n or 0, ALGEBRAICS).
     ``parameters`` (m) apply from the samples ``since`` (m) on; the first one from sample 0.

@@ -173,7 +173,7 @@ def turn_friction(
     then jumps by 1/580 of its limit from half of it. At a share of 0 every reversal begins a new curve.
     """
     last = mem.friction_last[direction, side]
-    if abs(position - last) < 1e-12:  # rounding is no motion
+    if abs(position - last) < 1e-12:  # a rounding error is not a motion
         return False
     way = mem.friction_outer_way[direction, side]
     if way != 0.0:

@@ -198,7 +198,7 @@ class Vehicle:
         x[State.BOLSTER_ROLL] = roll
         x[State.LEVER : State.LEVER + SIDES] = top[0] + par.lever_offset
         acceleration = self.slope(wind)[State.BOLSTER_LATERAL_SPEED : State.PLATFORM_LATERAL]
-        # Accelerations of 1 Hz: what is missing reads as metres in every component.
+        # Accelerations of 1 Hz, so that residuals are in metres in every component.
         return np.array([*(acceleration / (2.0 * np.pi) ** 2), top[1, 0] - top[1, 1]])
 
     def ride(

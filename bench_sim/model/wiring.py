@@ -52,7 +52,7 @@ TRANSDUCERS: Final = [*sensors_of(Group.VERTICAL_FORCE), *sensors_of(Group.LATER
 CELLS: Final = [*VERTICAL_CELLS, *LATERAL_CELLS]
 #: Load cells and the actuators' force transducers: one make of amplifier.
 FORCES: Final = [*TRANSDUCERS, *CELLS]
-#: All that says where springs, pistons and platform are.
+#: All readings of the positions of springs, pistons and platform.
 DISPLACEMENTS: Final = [
     *(Sensor.LEFT_HEIGHT, Sensor.RIGHT_HEIGHT),
     *(Sensor.VERTICAL_LEFT_DISPLACEMENT, Sensor.VERTICAL_RIGHT_DISPLACEMENT, Sensor.LATERAL_DISPLACEMENT),

@@ -38,7 +38,7 @@ _PARAMETERS: Final = {
 #: Spacings that are alike to both sides, by parameter: the place of the left side.
 _SPACINGS: Final = {"spring_half_spacing": "left.height", "actuator_half_spacing": "vertical_left"}
 _SAME: Final = 1e-9
-#: Where each cell stands, in `load_cell_x`, `load_cell_y` and `load_cell_height`, and which way it points.
+#: Position of each cell in `load_cell_x`, `load_cell_y` and `load_cell_height`, and its direction.
 _UPRIGHT, _ACROSS = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
 _CELLS: Final = {
     "load_cell.1": ((1, 1, 0), _UPRIGHT),

@@ -23,7 +23,7 @@ AFTER: Final = round(10.0 * FAST_RATE)
 _ROOM: Final = BEFORE + 1 + AFTER
 _EVENTS_MAX: Final = 200
 
-#: Where the box stands; times in samples since the rig started.
+#: State of the box; times in samples since the rig started.
 _BOX: Final = np.dtype(
     [
         ("written", "<i8"),

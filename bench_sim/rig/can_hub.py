@@ -124,7 +124,7 @@ class _CanClient(Connection):
             self._write(socketcand.OK)
             if not self._raw:
                 self._raw = True
-                # python-can's own client reads this answer with one recv and fails if a frame comes along with it.
+                # python-can's own client reads this answer with one recv and fails if it also contains a frame.
                 self._settling = True
                 self.loop.call_later(self._hub.first_frame_delay, self._settled)
         elif word == "bcmmode" and self._opened:

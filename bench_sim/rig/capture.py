@@ -28,7 +28,7 @@ class Tap:
         self._frames, self._frames_max = 0, waiting_max
         self._begun, self._bus = False, bus
         self._lock = threading.Lock()
-        #: Frames that are missing because no one took them in time.
+        #: Frames that are missing because they were not fetched in time.
         self.dropped = 0
 
     def put(self, block: Block, *, outbound: bool) -> None:

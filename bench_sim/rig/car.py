@@ -19,12 +19,12 @@ from bench_sim.rig.controls import CELLS, MEDIUM, TARGETS, Happened, Target
 from bench_sim.rig.faults.in_tick import disturb
 from bench_sim.rig.setpoints import DISPLACEMENTS, LONGEST_WAVE_STEP, REACH
 
-#: The law of the car is compiled as it stands.
+#: The equations of the car are compiled unchanged.
 _wave, _slope = compiled(law.track_wave), compiled(law.track_slope)
 _move, _ahead, _shaken = (compiled(one) for one in (law.move_car, law.springs_ahead, law.floor_acceleration))
 #: Time in ticks for which the load cells are read before a ride, to measure the forces of the springs at rest.
 _REST_TICKS: Final = round(1 * s / TICK)
-#: A ride that ends lets what it has moved come back in a second, as a generator that is stopped.
+#: At the end of a ride its offsets return within a second, like those of a stopped generator.
 RETURN_TICKS: Final = round(1 * s / TICK)
 _ROWS: Final = tuple(
     TABLE.index[f"car.{name}"]

@@ -12,10 +12,10 @@ from bench_sim.rig.peers import peer_name
 
 OnPeerLost = Callable[[str], None]
 
-#: A connection that was spared is looked at again after so long, s.
+#: Time (s) after which a spared connection is checked again.
 _RESPITE: Final = 1.0
 #: asyncio leaves a reference cycle behind with every connection, and the garbage collector of the rig's process is off.
-#: After so many connections the youngest generation is collected, in some 0.2 ms.
+#: Number of connections after which the youngest generation is collected, in about 0.2 ms.
 _COLLECT_EVERY: Final = 100
 _connections: Final = itertools.count(1)
 
@@ -48,7 +48,7 @@ class Connection(asyncio.Protocol):
         sock = transport.get_extra_info("socket")
         with contextlib.suppress(OSError):
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            # A peer whose machine has lost its power says no good-bye: ask after 5 s, give up after 5 s more.
+            # A peer that has lost its power does not close the connection: probe after 5 s, give up after 5 s more.
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
             for option, value in (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 1), ("TCP_KEEPCNT", 5)):
                 if hasattr(socket, option):

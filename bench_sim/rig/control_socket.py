@@ -15,7 +15,7 @@ from bench_protocol.runtime.own_folder import own_directory, own_folder, require
 #: Bytes of a line, and clients at once.
 LINE_MAX: Final = 8192
 _CLIENTS_MAX: Final = 8
-#: A client that asks nothing for so long (s) is sent away.
+#: Time (s) without a request after which a client is disconnected.
 _IDLE_LIMIT: Final = 60.0
 _TOO_LONG: Final = b'{"error":"a line has at most 8192 bytes"}\n'
 
@@ -118,7 +118,7 @@ class _ControlClient(asyncio.Protocol):
         self._expect()
 
     def pause_writing(self) -> None:
-        self.drop()  # anyone who does not read the answers gets no more of them
+        self.drop()  # a client that does not read the answers gets no more of them
 
     def drop(self) -> None:
         """End the connection."""

@@ -23,7 +23,7 @@ SLOW: Final = round(1.0 / (SLOW_RATE * TICK))
 #: Ticks without a valid command after which they count as late, and as lost.
 LATE_TICKS: Final = round(HOLD_AFTER / TICK)
 LOST_TICKS: Final = round(DISABLE_AFTER / TICK)
-#: Ticks after which a commander who says nothing on either wire holds the bench no longer: his sockets may be open.
+#: Ticks of silence on both wires after which a commander loses the bench, even if its sockets are open.
 GONE_TICKS: Final = round(2 * s / TICK)
 #: Guessing a token: after so many wrong ones a connection can no longer command under this lease, and after so many
 #: such connections no other one can either. Together 80 tries of 65 533 tokens. A client that still sends the token
@@ -46,7 +46,7 @@ class Target(IntEnum):
 
 
 TARGETS: Final = len(Target)
-#: By which transducer each of them is held in place.
+#: The transducer that controls the position of each of them.
 HOLDING: Final = tuple(
     Sensor[target.name if target >= Target.PLATFORM_VERTICAL else f"{target.name}_DISPLACEMENT"]
     for target in Target
@@ -87,22 +87,22 @@ class Happened(IntFlag):
     TICK_LOST = 128
     COMMANDED = 512  #: control bits have changed, or a user asks for the lease
     FAULT = 1024  #: a fault on purpose begins or ends
-    SPRING_LOST = 8192  #: what computes the springs has failed
+    SPRING_LOST = 8192  #: the computation of the springs has failed
     RECORDED = 2048  #: the black box has the ten seconds after an incident
     ASTRAY = 4096  #: a car in the loop wanted more than the actuators can do, or felt no force
 
 
 #: Load cells.
 CELLS: Final = Sensor.LOAD_CELL_6 - Sensor.LOAD_CELL_1 + 1
-#: A car in the loop: `MovingCar`, and what couples it to the bench.
+#: A car in the loop: `MovingCar`, and its coupling to the bench.
 CAR: Final = np.dtype(
     [
         *((name, "<f8", np.shape(value)) for name, value in asdict(MovingCar()).items()),
         ("track_size", "<f8", (3,)),  # height of a wave of the track, each way
         ("lead", "<f8", (TARGETS,)),  # time in s by which each set-point is sent ahead
-        ("of_cells", "<f8", (3, CELLS)),  # what the springs do by one newton on each cell
+        ("of_cells", "<f8", (3, CELLS)),  # force and moment of the springs for one newton on each cell
         ("to_targets", "<f8", (TARGETS, 6)),  # set-points by position of the springs and by their forces
-        ("rest", "<f8", (CELLS,)),  # what the cells read before
+        ("rest", "<f8", (CELLS,)),  # readings of the cells at rest
         ("delivered", "<f8", (SENSORS,)),  # room to read in
         ("readings", "<f8", (SENSORS,)),
     ]
@@ -113,16 +113,16 @@ CONTROLS: Final = np.dtype(
     [
         ("tick", "<i8"),
         ("alarm", "<i8"),  # tick at which the state machine must be called, -1 for never
-        ("command_tick", "<i8"),  # when the last valid command came
+        ("command_tick", "<i8"),  # time of the last valid command
         ("bits", "<i8"),  # `ControlBit` of the last valid command
-        ("changed", "<i8"),  # how often they have changed since the supervisor was asked
-        ("token", "<i8"),  # of the lease, 0 while no one holds the bench
+        ("changed", "<i8"),  # number of changes since the last query of the supervisor
+        ("token", "<i8"),  # of the lease, 0 without a holder
         # `peers.sender_of` the connection by which the holder commands, 0 on SocketCAN, -1 before it has proven itself
         ("commander", "<i8"),
-        # connections that sent a wrong token while no commander was known, and how often each of them did
+        # connections that sent a wrong token without a known commander, and their number of attempts
         ("suspects", "<i8", (SUSPECTS_MAX,)),
         ("tries", "<i8", (SUSPECTS_MAX,)),
-        ("granted", "<i8"),  # when the lease was granted
+        ("granted", "<i8"),  # time of the grant of the lease
         ("expiring", "<i8"),  # 1: no connection ends the lease, only silence does
         (
             "asked",
@@ -131,7 +131,7 @@ CONTROLS: Final = np.dtype(
         ("asked_sender", "<i8"),
         ("asked_nonce", "<i8"),
         ("asked_token", "<i8"),
-        ("write_tick", "<i8"),  # when the holder of the lease last wrote
+        ("write_tick", "<i8"),  # time of the last write by the holder of the lease
         ("write_deadline", "<i8"),  # tick by which the holder of the lease must have written, -1 for never
         ("fault_tick", "<i8"),  # tick at which a fault on purpose begins or ends, -1 for never
         ("refitted", "<i8"),  # 1: plates or pipes have been changed since the last tick
@@ -145,12 +145,12 @@ CONTROLS: Final = np.dtype(
         ("ordered", "<i8"),  # 1: a set-point has come for actuators that are still shut in
         ("airing", "<i8"),  # samples for which the springs stay open, or until settings are applied
         ("grip", "<i8"),  # `safe_position.Grip`
-        ("lowering", "<i8", (2,)),  # 1: this vertical actuator sets down what hangs on it
+        ("lowering", "<i8", (2,)),  # 1: this vertical actuator sets down its load
         ("air", "<i8"),  # `AirSupply`
         ("control", "<i8", (3,)),  # control mode by actuator
         ("goal", "<f8", (TARGETS,)),
         ("setpoint", "<f8", (TARGETS,)),
-        ("zero", "<f8", (TARGETS,)),  # what the transducer by which this is held in place reads at zero
+        ("zero", "<f8", (TARGETS,)),  # zero reading of the transducer that controls this position
         ("slew", "<i8", (TARGETS,)),  # ticks until the goal, if it is not too far away
         ("refused", "<i8"),  # frames of set-points out of range
         ("air_mode", "<i8", (2,)),
@@ -158,15 +158,15 @@ CONTROLS: Final = np.dtype(
         ("reservoir", "<i8", (2,)),
         ("dpv", "<i8"),
         ("program", "<i8"),  # `Program`
-        ("waves", "<i8"),  # how many waves the program has
+        ("waves", "<i8"),  # number of waves of the program
         ("wave", "<i8", (WAVES_AT_ONCE,)),
         ("amplitude", "<f8", (WAVES_AT_ONCE, TARGETS)),  # by set-point: 0 where the wave moves none
         ("frequency", "<f8", (WAVES_AT_ONCE,)),
         ("cycles", "<f8", (WAVES_AT_ONCE,)),
         ("phase", "<f8", (WAVES_AT_ONCE,)),  # cycles since the start of the wave, below 0 before
-        ("offset", "<f8", (TARGETS,)),  # what the generator adds to the set-points
+        ("offset", "<f8", (TARGETS,)),  # offsets of the generator on the set-points
         ("riding", "<i8"),  # 1: the program is a ride of a car in the loop
-        ("resting", "<i8"),  # ticks for which the cells are read before it, and how many are left
+        ("resting", "<i8"),  # ticks for which the cells are read before it, and the remaining ones
         ("waits", "<i8"),
         ("wind_goal", "<f8"),  # N
         ("wind", "<f8"),
@@ -178,7 +178,7 @@ CONTROLS: Final = np.dtype(
         (
             "guard_due",
             "<i8",
-        ),  # tick by which the commander's heartbeat must come, -1 while no one waits for it
+        ),  # deadline tick of the commander's heartbeat, -1 if none is expected
         ("sync_due", "<i8"),  # tick of the next SYNC, -1 for never
     ]
 )

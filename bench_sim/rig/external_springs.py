@@ -44,7 +44,7 @@ class Failure(IntEnum):
 
     NONE = 0
     STATUS = 1  #: a call was refused
-    NUMBER = 2  #: an output is no finite number
+    NUMBER = 2  #: an output is not finite
     ENDED = 3  #: it requests the end of the simulation, or stopped before the end of its step
     SILENT = 4  #: no answer in time
     GONE = 5  #: its process has ended

@@ -23,7 +23,7 @@ _BORE: Final = TABLE["rig.orifice_diameter"]
 class Ordered(NamedTuple):
     """The plates and pipes of the settings."""
 
-    plate: int  #: bore in steps of the setting: no single says exactly 13 mm
+    plate: int  #: bore in steps of the setting, because no single-precision number is exactly 13 mm
     pipe: bool
 
     @classmethod

@@ -18,7 +18,7 @@ _POLYNOMIAL: Final = 0x4599
 #: CRC delimiter, acknowledgement slot and delimiter, end of frame.
 _TAIL: Final = 10
 INTERMISSION: Final = 3
-#: Of a frame that another one follows at once, in bits next to its data: (stuffed, in all), by its format.
+#: Bits of a frame in addition to its data, if another one follows at once: (stuffed, total), by format.
 _STANDARD, _EXTENDED = (34, 34 + _TAIL + INTERMISSION), (54, 54 + _TAIL + INTERMISSION)
 
 

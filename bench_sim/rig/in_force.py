@@ -85,7 +85,7 @@ class InForce:
             else:
                 self.take_present(target)
                 if c["grip"] == Grip.OPEN and self._mode(target) == "force":
-                    # It follows without force: what it reads is dying away, or its zero error.
+                    # It follows without force: its reading is decaying, or its zero error.
                     c["goal"][target] = 0.0
                     c["slew"][target] = math.ceil(
                         abs(c["setpoint"][target]) / (self._letting_go[target] * TICK)

@@ -17,7 +17,7 @@ _TOLD: Final = 0.01
 _TOLD_MAX: Final = 5
 #: A reading is near a level within this part of its way to it.
 _NEAR: Final = 0.1
-#: A reading that says exactly the same for so long, and did not before, is stuck (samples).
+#: Number of exactly equal samples after which a reading that varied before counts as stuck.
 _STUCK: Final = round(0.5 * FAST_RATE)
 _EVENTS_AFTER: Final = 12
 

@@ -42,10 +42,10 @@ class Limit:
     at: float
     action: LimitAction
     persistence: float = 20 * ms
-    hysteresis: float = 0.0  #: how far it must come back, and may go out while it stands
+    hysteresis: float = 0.0  #: hysteresis, and allowed excess during a standing trip
     latch: bool = True  #: tripped until it is reset, or until the reading has come back
     over: float = 20 * ms  #: RATE, and UPPER and LOWER with a lead: between the two samples that are compared
-    lead: float = 0.0  #: UPPER, LOWER: what moves fast must be stopped before it is there
+    lead: float = 0.0  #: UPPER, LOWER: a fast motion must be stopped before the limit
     within: float = 0.0  #: TIMEOUT
     level: float = 0.0  #: COUNT
 

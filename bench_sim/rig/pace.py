@@ -78,7 +78,7 @@ class Node:
 class _Waiting:
     """A frame in a send queue."""
 
-    key: int  #: the smaller goes first
+    key: int  #: the smaller one has priority
     number: int  #: and of equals the older
     ready: int
     peer: str

@@ -12,7 +12,7 @@ import numpy as np
 from bench_protocol.frames import FRAME, LENGTH_MAX, Block
 
 LINK_TYPE: Final = 227
-#: What a capture begins with; from it tools know the format, and where a live stream was joined does not matter.
+#: Start of a capture, by which tools identify the format, wherever a live stream was joined.
 _MAGIC: Final = 0x1A2B3C4D
 _SECTION, _INTERFACE, _STATISTICS, _PACKET = 0x0A0D0D0A, 1, 5, 6
 _EXTENDED_FLAG: Final = 0x8000_0000

@@ -34,8 +34,8 @@ class Grip(IntEnum):
     """State of actuators that are not engaged."""
 
     OPEN = 0  #: unloaded: they follow without force
-    SHUT = 1  #: shut in: they hold what the springs push against
-    LOWERING = 2  #: the springs are empty: they set down what hangs on them
+    SHUT = 1  #: shut in: they hold against the force of the springs
+    LOWERING = 2  #: the springs are empty: the actuators set down their loads
 
 
 @compiled
@@ -61,7 +61,7 @@ def keep_grip(c: Any, values: Any) -> None:
             # Each by itself: one that is on its spring already would press it down by the way of the other.
             left, right = values[Sensor.VERTICAL_LEFT_FORCE], values[Sensor.VERTICAL_RIGHT_FORCE]
             lead = values[Sensor.VERTICAL_LEFT_DISPLACEMENT] - values[Sensor.VERTICAL_RIGHT_DISPLACEMENT]
-            # One of which no one can read what hangs on it agrees with the other, and not below it.
+            # An actuator without a force reading follows the other one, but not below it.
             c.lowering[0] = left < -SET_DOWN or (math.isnan(left) and right < -SET_DOWN and lead > 0.0)
             c.lowering[1] = right < -SET_DOWN or (math.isnan(right) and left < -SET_DOWN and lead < 0.0)
             c.grip = Grip.LOWERING.value if c.lowering[0] or c.lowering[1] else Grip.OPEN.value

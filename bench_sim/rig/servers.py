@@ -116,7 +116,7 @@ def serve_in_thread(
             opened.append(servers)
             ready.set()
             await servers._stop.wait()
-        await _turns()  # the connections just dropped say that they are lost
+        await _turns()  # the connections that were just closed report their loss
 
     _start(serve, ready)
     return opened[0]

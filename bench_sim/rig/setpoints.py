@@ -21,7 +21,7 @@ class SetpointPace:
 
     target: str  #: an actuator, or an axis of the platform as ``platform.roll``
     mode: str  #: the controlled quantity: ``force`` or ``displacement``
-    unit: str  #: in which people read it, per second
+    unit: str  #: display unit, per second
     travel: float  #: at most, on the way to a new goal
     wave: float  #: largest peak of a wave of the function generator
     source: str
@@ -52,7 +52,7 @@ def _row(name: str) -> tuple[SetpointPace | None, ...]:
     )
 
 
-#: By target and control mode; None where it cannot move so.
+#: By target and control mode; None if the target cannot move in this mode.
 _TABLE: Final = (*(_row(name) for name in ACTUATORS), *(_row(f"platform.{axis}") for axis in PLATFORM_AXES))
 assert len(_TABLE) == TARGETS
 #: The same for the tick: the longest step of a set-point in one of them.

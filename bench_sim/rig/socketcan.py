@@ -85,7 +85,7 @@ class SocketCan:
         while not self._closing.is_set():
             if not poll.poll(1000 * _POLL):
                 continue
-            # Everything that waits comes along: commands must not queue behind a user's burst, frame by frame.
+            # Read all pending frames at once: commands must not wait behind a user's burst, frame by frame.
             frames: list[bytes] = []
             try:
                 while len(frames) < _BATCH_MAX:

@@ -87,7 +87,7 @@ _DISPLACEMENT: Final = CONTROL_MODES.index("displacement")
 _LEVEL: Final = AIR_MODES.index("level")
 _FILL: Final = AIR_MODES.index("fill")
 _VENT: Final = AIR_MODES.index("vent")
-#: The plant knows one mode more: no one commands an actuator to be shut in, it is what its valve does by itself.
+#: The plant has one more mode: shut in, which cannot be commanded; the valve enters it by itself.
 assert tuple(mode.name.lower() for mode in Mode if mode is not Mode.SHUT_IN) == CONTROL_MODES
 #: Targets stand as the actuators and then the axes of the platform, the generator's axes from the lateral one on alike.
 _NAMES: Final = tuple(target.name.lower() for target in Target)
@@ -196,7 +196,7 @@ def _drive(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
         u[Input.PLATFORM_VERTICAL + axis] = c.setpoint[target] + c.offset[target] - c.zero[target]
 
     flowing = c.air == AirSupply.RESTRICTED or c.air == AirSupply.FULL
-    vented = c.air == AirSupply.VENTED or c.airing > 0  # who arms does not interrupt it
+    vented = c.air == AirSupply.VENTED or c.airing > 0  # arming does not interrupt it
     u[Input.SUPPLY] = 1.0 if flowing else 0.0
     u[Input.DPV_CONNECTED] = c.dpv
     for side in range(len(SIDES)):
@@ -211,7 +211,7 @@ def _drive(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
         leveling = not vented and c.air == AirSupply.FULL and c.air_mode[side] == _LEVEL
         u[Input.LEFT_SERVICE_VALVE + side] = opening
         u[Input.LEFT_LEVELING + side] = 1.0 if leveling else 0.0
-        # The bellows are vented too: the way through their auxiliary chambers stands open.
+        # The bellows are vented too: the way through their auxiliary chambers is open.
         u[Input.LEFT_RESERVOIR_VALVE + side] = 1.0 if vented else c.reservoir[side]
 
 
@@ -271,7 +271,7 @@ class Sampling(NamedTuple):
     """The data sampled at 200 Hz: readings of the sensors, all signals by table row, limits and faults on them."""
 
     readings: npt.NDArray[np.float64]
-    values: npt.NDArray[np.float64]  #: SI; the measurements stand first, in the order of the sensors
+    values: npt.NDArray[np.float64]  #: SI; the measurements are first, in the order of the sensors
     detectors: npt.NDArray[np.void]
     tape: Tape  #: of the black box
     faults: FaultArrays

@@ -121,7 +121,7 @@ def _result(state: SearchState, without: Mapping[str, _Weighed]) -> SearchResult
         )
         for name in current.effects
     )
-    # Anyone who goes on from here has a model of his own, and predicts with that.
+    # The caller continues with another model, and predicts with that.
     state = replace(state, current=replace(current, prediction=None))
     return SearchResult(state, accepted, {name: one.model for name, one in without.items()})
 

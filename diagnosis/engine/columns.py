@@ -77,7 +77,7 @@ def packing_of(run: MeasuredRun) -> Packing:
     return _packing(counted.shape, counted.tobytes())
 
 
-@lru_cache(maxsize=16)  # every model looks at the same few runs
+@lru_cache(maxsize=16)  # every model uses the same few runs
 def _packing(shape: tuple[int, int], mask: bytes) -> Packing:
     counted = np.frombuffer(mask, dtype=bool).reshape(shape)
     channel, sample = np.nonzero(counted.T)

@@ -25,11 +25,11 @@ class Config:
     alpha_unknown: float = 0.002  #: step 7: the same for the omnibus test of unknown terms
     seed: int = 1
     workers: int = 2
-    max_effects: int = 3  #: step 6: so many causes at most
-    fits: int = 8  #: step 6: so many hypotheses with the highest scores are fitted at each forward step
+    max_effects: int = 3  #: step 6: largest number of causes
+    fits: int = 8  #: step 6: number of hypotheses that are fitted at each forward step, by highest score
     effects: tuple[str, ...] | None = None  #: only these of the catalogue; None: all
     ambiguous: float = 10.0  #: steps 6 and 8: BIC gap under which two causes are not distinguished
-    lpd_loss: float = 3.0  #: step 6: what a cause may cost in log predictive density
+    lpd_loss: float = 3.0  #: step 6: largest loss of log predictive density by a cause
     rough: float = 0.03  #: step 6: part of the λ found before that a further cause must exceed
     gain: float = 0.05  #: step 6: least part of the explainable RMSE that a cause must explain
     with_panel: bool = True  #: step 1: whether the panel of tests is computed; no verdict depends on it
@@ -38,9 +38,10 @@ class Config:
 
 # -- step 1, the residual: residual/ -----------------------------------------------------------------------------------
 
-#: False discovery rate of the panel (Benjamini and Hochberg). It accuses no one, so that one row in a hundred may err.
+#: False discovery rate of the panel (Benjamini and Hochberg). One false row in a hundred is acceptable, because the
+#: panel names no cause.
 PANEL_FDR: Final = 0.01
-#: A test of a whole run needs so many samples for its asymptotic distribution.
+#: Number of samples that a test of a whole run needs for its asymptotic distribution.
 LEAST_SAMPLES: Final = 100
 #: A test of harmonics needs fewer: it compares with a sine that is known.
 LEAST_OF_A_SINE: Final = 50
@@ -75,7 +76,7 @@ SINE_SHARE: Final = 0.995
 LEAST_CYCLES: Final = 3
 #: An input holds still while it stays within this part of its range in the run …
 STILL_SHARE: Final = 0.01
-#: … for so many seconds.
+#: … for this many seconds.
 LEAST_HOLD_S: Final = 5.0
 
 # -- step 2, base parameters, and every later fit: base_model.py, fitting/ ---------------------------------------------
@@ -114,9 +115,9 @@ EIGENVALUE_FLOOR: Final = 1e-13
 #: Part of the square of a column that must be left after a projection: difference quotients, kept in single precision,
 #: are right to about four digits.
 VISIBLE_PART: Final = 1e-8
-#: Weight of what a fit knows of effects that stay where they are while a surface is fitted together with them.
+#: Weight of the information on effects that stay fixed while a surface is fitted.
 FIXED_WEIGHT: Final = 1e4
-#: Weight of a prior that says nothing, per square of the parameter's scale: it makes the evidence finite.
+#: Weight of an uninformative prior, per square of the parameter's scale: it makes the evidence finite.
 FLAT_WEIGHT: Final = 1e-6
 
 # -- step 3, the noise: noise.py, noise_estimate.py, whitening.py ------------------------------------------------------
@@ -125,9 +126,9 @@ FLAT_WEIGHT: Final = 1e-6
 AR_ORDER: Final = 10
 #: Autocorrelations below this count as none.
 FORGOTTEN: Final = 1e-3
-#: So many further predecessors help to predict a sample where some are missing.
+#: Number of further predecessors for the prediction of a sample if some are missing.
 BRIDGED_GAP: Final = 4
-#: No channel is assumed to be quieter than this part of what its data sheet says, which is an upper bound.
+#: No channel is assumed to have less noise than this part of its data sheet's value, which is an upper bound.
 LEAST_OF_DATA_SHEET: Final = 0.5
 #: Pairs of samples that a lag needs for each order of the autoregression.
 PAIRS_PER_ORDER: Final = 20
@@ -139,44 +140,44 @@ DISPERSION_BLOCKS: Final = 256
 #: Draws of the largest of all scores under chance, in each of two rounds. All of the second are about as rare as what
 #: is looked for: the quantile scatters by 0.002, as it would with some five million plain draws.
 THRESHOLD_DRAWS: Final = 6_000
-#: The second round begins so far below the quantile of the first, which scatters by a fifth of it.
+#: Distance of the second round below the quantile of the first, which scatters by a fifth of it.
 THRESHOLD_MARGIN: Final = 0.1
 
 # -- step 6, fit and gates: trials.py, gates.py, family.py, admission.py, rivals.py, backward.py -----------------------
 
-#: So many of the best scores bring their confusers and richer relatives with them.
+#: Number of the best scores whose confusers and richer relatives are also tried.
 WITH_RELATIVES: Final = 2
 #: χ² that would be gained beyond the end of a range, from which on the range is violated: two standard deviations.
 RANGE_CHI2: Final = 4.0
-#: A base parameter so many prior standard deviations from its nominal value is no longer assumed …
+#: A base parameter this many prior standard deviations from its nominal value is no longer assumed …
 STRAINED_PRIOR: Final = 4.0
-#: … and a cause is blamed for it if it asks for so many more than the model without it.
+#: … and a cause is blamed for it if it needs this many more than the model without it.
 FURTHER_STRAIN: Final = 1.0
-#: At so many of them every named cause is doubted; the report prints this before the verdict.
+#: From this number on every named cause is doubtful; the report prints this before the verdict.
 CONTRADICTED_PRIOR: Final = 10.0
 #: A noise floor is known to about a tenth, and the replay of a measured motion leaves a tenth more of a sound bench: in
 #: squares, together a quarter. Below it there is no misfit of which a cause could be asked to explain a part.
 FLOOR_SLACK: Final = 1.25
-#: So many samples at rest in a row state how large the noise is.
+#: Number of consecutive samples at rest that determine the noise.
 LEAST_AT_REST: Final = 50
-#: So many rivals are tried instead of each accepted effect.
+#: Number of rivals that are tried instead of each accepted effect.
 RIVALS: Final = 4
-#: So many causes that are not physical alone are tried two by two.
+#: Number of causes, each unphysical alone, that are tried in pairs.
 PAIRED: Final = 4
 #: What passes the gates must gain this part of the BIC that the best unphysical trial gains, or it is no substitute.
 SUBSTITUTE: Final = 0.1
 #: A rival must gain this part of the BIC that the accepted effect gains.
 COMPARABLE: Final = 0.5
-#: Finite amplitudes at which what hardly scores is simulated, in those that are expected: second_look.py.
+#: Finite amplitudes, in expected ones, for the simulation of effects with low scores: second_look.py.
 SIZES: Final = (0.2, 1.0, 5.0)
-#: So many candidates that promise most there are fitted.
+#: Number of the most promising candidates there that are fitted.
 FINITE_FITS: Final = 3
-#: What changes the outputs by so many times all errors there diverges.
+#: An effect that changes the outputs by this many times all errors diverges there.
 LARGEST_CHANGE: Final = 1e3
 
 # -- step 7, unknown terms: unknown.py ---------------------------------------------------------------------------------
 
-#: A surface acts where its coefficients are so many standard deviations from 0 …
+#: A surface acts where its coefficients are this many standard deviations from 0 …
 CLEAR_COEFFICIENT: Final = 2.0
 #: … and such a part of the largest ones.
 LARGE_COEFFICIENT: Final = 0.25
@@ -194,7 +195,7 @@ UNKEPT_SURFACE_P: Final = 1e-6
 GAIN_WITH_SURFACE: Final = 0.02
 #: Part of the information on an amplitude that a surface must take away to imitate the effect.
 IMITATED_INFORMATION: Final = 0.9
-#: Together with a cause, a surface may be so many times as large as is assumed.
+#: Factor by which a surface may exceed its assumed size together with a cause.
 WIDER_SURFACE: Final = 10.0
 #: An amplitude saturates where its absence costs so many times the root of χ² that its standard deviation promises.
 SATURATED: Final = 2.0
@@ -203,7 +204,7 @@ STRETCHES: Final = (1, 2, 4, 8)
 #: False-positive probability of the constancy test; it can only remove the name of a cause that is hardly visible.
 CONSTANCY_ALPHA: Final = 0.05
 #: Part of the largest eigenvalue below which a stretch does not separate a cause from its imitation. Difference
-#: quotients are no more exact.
+#: quotients are not more exact.
 LEAST_EIGENVALUE: Final = 1e-6
 #: λ of a named cause must be so many times the λ of what the model's form owes in the cause's own directions. Of
 #: oscillators of another form, clear false causes reached 2.4 times at most; of true causes under a roughness of a
@@ -212,7 +213,7 @@ CLEAR_OF_FORM: Final = 3.0
 #: Largest residual on the select runs (RMS over all channels, relative) of a cause that is not due to model form error.
 #: Friction of seals leaves 0.18 there, however rough its own law; false causes of oscillators of another form 0.3 to 1.
 PREDICTED_SHARE: Final = 0.25
-#: So many times the noise on the report runs are worth a sentence.
+#: Multiple of the noise on the report runs that is worth a sentence.
 NOISE_RATIO_SHOWN: Final = 1.2
 #: A model that leaves more than so many times the noise on unseen runs lacks a further cause …
 REMAINDER_RATIO: Final = 2.0
@@ -252,24 +253,24 @@ SEPARABLE: Final = 10.0
 WORTH_A_LINE: Final = 0.8
 #: The score exceeds the threshold in 95 % of cases where λ lies above it by this (one-sided normal quantile).
 POWER95: Final = 1.6449
-#: An amplitude beyond so many prior spreads is not assumed.
+#: Largest assumed amplitude in prior spreads.
 PRIOR_SPREADS: Final = 5.0
 #: An effect is hidden where less than this part of its footprint is left together with the base model.
 HIDDEN_FOOTPRINT: Final = 0.3
 #: A reference is worth naming if it makes the gap grow by this factor.
 WORTH_A_REFERENCE: Final = 2.0
-#: So many references are named at most.
+#: Largest number of references that are named.
 MOST_REFERENCES: Final = 3
 
 # -- step 9, the gain: gain.py -----------------------------------------------------------------------------------------
 
-#: Nominal levels of the predicted intervals whose coverage is counted.
+#: Nominal levels of the predicted intervals whose coverage is tested.
 COVERAGE_LEVELS: Final = (0.50, 0.90, 0.95)
 #: Draws of the bootstrap: the ends of the 95 % interval rest on 50 of them.
 BOOTSTRAPS: Final = 2000
 #: With fewer report runs than this, the bootstrap draws blocks of runs instead of runs.
 LEAST_RUNS: Final = 6
-#: Blocks in a run for the bootstrap: seconds long, so that what the noise remembers stays inside.
+#: Blocks in a run for the bootstrap: seconds long, so that the memory of the noise stays inside.
 BOOTSTRAP_BLOCKS: Final = 24
 #: A misfit that exceeds the noise by a smaller factor leaves nothing to explain.
 EXPLAINABLE: Final = 1.05
@@ -283,19 +284,19 @@ IDENTIFIED_ALPHA: Final = 0.003
 
 # -- the contract of a simulator: contract_check.py, simulation.py, belief.py ------------------------------------------
 
-#: So many samples are simulated at most.
+#: Largest number of samples that are simulated.
 CHECKED_SAMPLES: Final = 1000
 #: Prior deviations to which a parameter without a bound is tried.
 FAR: Final = 5.0
-#: How far small amplitudes may be from proportional, in units of the outputs' size.
+#: Allowed deviation of small amplitudes from proportionality, in units of the outputs' size.
 CURVED: Final = 0.1
 #: The rounding of differences, in units of the outputs' size.
 ROUNDING: Final = 1e-12
-#: So many steps of its differences is a parameter's size where it has no prior.
+#: Size of a parameter without a prior, in steps of its differences.
 STEPS_OF_SIZE: Final = 100.0
-#: So many parameters are reported with an error, those first that are not at their nominal values.
+#: Number of parameters reported with an error; those that differ from their nominal values come first.
 PARAMETERS_SHOWN: Final = 12
-#: So many base parameters far from their priors are reported, those furthest away first.
+#: Number of base parameters far from their priors that are reported, the furthest first.
 PRIORS_SHOWN: Final = 3
 
 # -- goodness of fit: goodness.py --------------------------------------------------------------------------------------

@@ -101,7 +101,7 @@ def diagnose(
     Raises ``DiagnosisError`` for data or a request that cannot be diagnosed.
     """
     share_heap()
-    give_back()  # Anyone who read the data left room.
+    give_back()  # The reader of the data has left space.
     config = config or Config()
     tell = progress or (lambda _text, _part: None)
     data, model = measured_channels(dataset, simulator)

@@ -49,7 +49,7 @@ class Misfit(NamedTuple):
     role: Role
     ratio: float
     p: float
-    kind: str  #: what the error looks like; "" if neither a line nor a walk
+    kind: str  #: kind of the error; "" if neither a line nor a walk
 
 
 class Line(NamedTuple):

@@ -135,7 +135,7 @@ def _autoregression(
             products[lag] += late @ early
             squares[lag] += 0.5 * (late @ late + early @ early)
     power = max(freedom * squares[0] / max(pairs[0], 1.0), least**2, 1e-300)
-    # Correlations over the power of the very samples in each pair: what is missing scatters both alike.
+    # Correlations over the power of the same samples in each pair, so that missing samples affect both equally.
     covariance = power * np.divide(products, squares, out=np.zeros(AR_ORDER + 1), where=squares > 0.0)
     covariance[0] = power
     # Levinson and Durbin; stops where the next reflection would not be one (too few pairs, or a perfect line).

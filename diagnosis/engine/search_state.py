@@ -62,7 +62,7 @@ class Trial:
     lpd: float  #: of the select runs; NaN where there are none, or where a better trial made it needless
     failed: str = ""
     physical: bool = True
-    rough: bool = False  #: it failed by nothing but what earlier causes may be wrong by
+    rough: bool = False  #: it failed only by the possible error of earlier causes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,11 +79,11 @@ class SearchState:
     """The state that the passes of the search exchange."""
 
     current: CurrentModel
-    floors: Array  #: (c,) what noise alone leaves in each channel, as a standard deviation
+    floors: Array  #: (c,) standard deviation left by noise alone in each channel
     steps: tuple[ForwardStep, ...] = ()
     #: Where each effect was last fitted in a forward step: a later fit of it starts there.
     last_fit: Mapping[str, Point] = field(default_factory=dict)
-    #: What else explained a good part when an accepted effect entered, best first: it may yet take its place.
+    #: Other effects that explained a good part when an accepted one entered, best first; they may replace it.
     alternatives: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     #: Physical models with another effect instead of an accepted one, best first, under the present noise.
     rivals: Mapping[str, tuple[Trial, ...]] = field(default_factory=dict)

@@ -58,7 +58,7 @@ from diagnosis.engine.suspects import MOST_LEFT
 from diagnosis.engine.trials import predicted, tried
 from diagnosis.engine.whitening import filters
 
-#: So many times the amplitude that was simulated may be fitted: half-way to the next one, as a factor.
+#: Largest fitted amplitude over the simulated one: half-way to the next one, as a factor.
 REACH: Final = math.sqrt(SIZES[1] / SIZES[0])
 
 

@@ -59,7 +59,7 @@ def without_substitutes(problem: Problem, first: Judgement) -> Judgement:
     second = judge(problem, _restored(problem, first, found, out))
     before, after = ((one.screened.model, one.found.floors) for one in (first, second))
     better = PREDICTS_AS_WELL * _error(*after, problem.select) < _error(*before, problem.select)
-    if first.found.accepted:  # what predicts better by chance explains less
+    if first.found.accepted:  # an effect that predicts better by chance explains less
         better = better and _error(*after, problem.replay.runs) <= _error(*before, problem.replay.runs)
     if one_for_two:
         better = better and not second.screened.screening.exceeding

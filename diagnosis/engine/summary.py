@@ -49,7 +49,7 @@ CAUSELESS: Final = MappingProxyType(
         Verdict.UNKNOWN: "A fitted surface describes the error, but only in the stated range. It names no cause.",
     }
 )
-#: What to inspect for a cause, by its family.
+#: The part to inspect for a cause, by its family.
 WHERE: Final = MappingProxyType(
     {
         "rubber": "the rubber parts of the springs: type, age, mounting",
@@ -68,7 +68,7 @@ ROLES: Final[Mapping[Role, str]] = MappingProxyType(
         "fit": "On the runs used for fitting",
     }
 )
-#: The amplitude of what arrives late by a time.
+#: The name of an amplitude that is a delay.
 DELAY: Final = "delay"
 
 

@@ -33,7 +33,7 @@ from diagnosis.engine.screening import fit_and_screen
 from diagnosis.engine.search_state import CurrentModel, Problem, SearchState, Trial
 from diagnosis.engine.threads import in_threads
 
-#: Why a fitted model, with what it predicts of the select runs, is not to be taken; "" if it may be.
+#: Why a fitted model, with its prediction of the select runs, is rejected; "" if it is not.
 Gate = Callable[[FittedModel, Prediction | None], str]
 
 

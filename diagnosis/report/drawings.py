@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
 
 BEFORE, AFTER, MEASURED = PALETTE[1], PALETTE[0], "#c3cad0"
-#: Of a letter in the widest type that pages are set in, in inches.
+#: Width of a letter in the widest font of the pages (inches).
 LETTER = 0.066
 #: Rows and columns that a drawing has room for.
 MOST_SCORES = 24

@@ -47,7 +47,7 @@ from diagnosis.finding import (
 from diagnosis.report import drawings
 from diagnosis.report.words import chance, gained, pair, percent, percents, prose, shown, typeset, unit
 
-#: The page is for reading; anyone who wants more has finding.json.
+#: The page is for reading; finding.json has all data.
 TRACES, FIGURES, SENTENCES, SHIFTS, RUNS = 4, 6, 14, 16, 12
 TONES: Final = {
     Verdict.NO_EFFECT: "calm",

@@ -8,7 +8,7 @@ import re
 from bench_records.typography import MINUS, SUPERSCRIPT, THIN_SPACE, fixed, significant, with_uncertainty
 
 DASH = "\u2013"
-#: TOML in a sentence, which people copy: a list or a text of any key, and any value of a key of a map.
+#: TOML in a sentence, to be copied: a list or a text of any key, and any value of a key of a map.
 _TOML = re.compile(
     r"""(\b\w+ = (?:\[[^]]*\]|"[^"]*")|\b(?:columns|runs|file)\.[\w.]+ = -?[\d.]+(?:e[+-]?\d+)?)"""
 )

@@ -28,7 +28,7 @@ from diagnosis.systems.system import System, SystemSetting, SystemSignal
 
 #: The gas is integrated in steps of at most this.
 _STEP: Final = 0.1
-#: The pressure at the start is read from so many samples.
+#: Number of samples that give the pressure at the start.
 _FIRST: Final = 10
 
 _NUISANCES: Final = (

@@ -16,14 +16,14 @@ from diagnosis.contracts import Array, Channel, Experiment
 from diagnosis.engine.config import AR_ORDER
 from diagnosis.systems.motion import abrupt, sensor_noise, sudden
 
-#: Samples over which noise may remember: rounding errors that stay the same for longer are no noise.
+#: Longest memory of noise in samples: rounding errors that stay constant for longer are not noise.
 _REMEMBERED: Final = AR_ORDER
-#: A signal is coarse if it is rounded to more than so many times its noise: then the noise does not move it about.
+#: A signal is coarse if its step exceeds this multiple of its noise: then the noise does not change the reading.
 _COARSE: Final = 2.0
 #: A coarse signal is quick where its readings change by more than this part of a step on average over so many of them,
 #: and by more than one step altogether.
 _QUICK, _QUICK_WINDOW = 0.5, 11
-#: The sensors that see each input turn.
+#: The sensors that show a reversal of each input.
 _SEEN_BY: Final = {
     "left.height": "left.height",
     "right.height": "right.height",

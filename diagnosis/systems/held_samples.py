@@ -34,9 +34,9 @@ _NEAR, _FAR = 0.5, 2.0
 _CLEAR: Final = 30.0
 #: Amplitude of a line in |dp/dt|, as a part of the largest one there, from which on the motion may have made it.
 _STEADY: Final = 0.03
-#: A sample so many s before a refresh is one of it: the clock is rounded.
+#: A sample up to this time (s) before a refresh belongs to it, because the clock is rounded.
 _AT_ONCE: Final = 1e-6
-#: How well a period that was found is known, relative, and the difference that shows what it does, as a part of that.
+#: Relative uncertainty of a detected period, and the difference for its sensitivity as a part of that.
 _KNOWN: Final = 1e-5
 _DIFFERENCE: Final = 0.3
 #: Periods that are tried around a line, one frequency of the spectrum to either side.

@@ -36,13 +36,13 @@ from diagnosis.systems.cutting import pieces_by_reversals
 from diagnosis.systems.map_file import Column, Map
 from diagnosis.systems.system import System
 
-#: Runs are simulated with other readings of so many of them.
+#: Number of runs that are simulated with other readings.
 _RUNS: Final = 3
 #: A better reading leaves at most this part of an error's power.
 _BETTER: Final = 0.25
 #: Lower than this part of the pressure of the air around it, and longer than one sample in a hundred.
 _BELOW: Final = 0.05
-#: A loop goes there and back over at least this part of the whole way.
+#: A loop covers at least this part of the whole way in both directions.
 _LOOP: Final = 0.2
 #: Loops needed, and the part of them that has to give work.
 _LOOPS, _GIVING = 3, 0.8
@@ -52,9 +52,9 @@ _ROUNDING: Final = 1e-9
 _CHANCE: Final = 1e-3
 #: Few loops that give work do so alike, to such a part of it.
 _ALIKE: Final = 0.2
-#: So many mistakes are looked for one after the other.
+#: Largest number of mistakes that are searched for one after the other.
 _MISTAKES: Final = 3
-#: Quantities whose sign is a convention of anyone who mounted the sensor.
+#: Quantities whose sign depends on how the sensor was mounted.
 _SIGNED: Final = ("N", "m", "rad", "m/s2")
 
 #: (columns by signal, names of records) -> the runs of these records, as the columns read them.

@@ -115,7 +115,7 @@ class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     settings: dict[str, str] = {}
     file_settings: list[FileRule] = []
     runs: Runs = Runs()
-    fmu: FmuKeys | None = None  #: what of an FMU is assumed, where the simulator is one
+    fmu: FmuKeys | None = None  #: assumptions on an FMU, if the simulator is one
 
 
 def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]:

@@ -62,7 +62,7 @@ from diagnosis.systems.system import (
 
 #: Reads the columns of a log of CAN frames, with its keys in a folder; None for any other file.
 FrameReader = Callable[[Path, FrameKeys, Path, Mapping[str, Source], Account], dict[str, Series] | None]
-#: What a gauge pressure is relative to if the system has no setting for it.
+#: Reference of gauge pressures if the system has no setting for it.
 _STANDARD_ATMOSPHERE: Final = 101_325.0
 
 

@@ -20,7 +20,7 @@ from diagnosis.systems.piston import lagged
 
 #: Names of the causes, before the dot and the name of their signal.
 KINDS: Final = ("gain", "offset", "drift", "lag", "latency", "held")
-#: An offset builds up by drift in about so many seconds.
+#: Time (s) in which an offset builds up by drift.
 _DRIFT_TIME: Final = 60.0
 #: An ordinary relative error of a gain.
 _GAIN: Final = 0.02

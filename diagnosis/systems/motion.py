@@ -53,10 +53,10 @@ _IN_STEP: Final = 0.4
 _CHANCE: Final = 10.0
 #: Least number of samples to find a motion.
 LEAST: Final = 8
-#: Means over so many samples show whether there is more than noise; motion above 20 or 2 Hz would average out.
+#: Numbers of samples for means that distinguish motion from noise; motion above 20 or 2 Hz would average out.
 _BLOCKS: Final = (5, 50)
 
-#: The sensors that say where bolster and platform are.
+#: The sensors of the positions of bolster and platform.
 SENSORS: Final = (
     "left.height",
     "right.height",
@@ -65,9 +65,9 @@ SENSORS: Final = (
     "platform.lateral",
     "platform.roll",
 )
-#: Those that see the bolster roll while it goes sideways.
+#: Those that measure a roll of the bolster during its lateral motion.
 _ROLLING: Final = ("left.height", "right.height")
-#: What else is known of the motion where the bench has it.
+#: Further readings of the motion, if the bench has them.
 BESIDE: Final = ("lateral.force", "lateral.acceleration")
 #: The input with the assumed deflection (m) of the lateral actuator's frame.
 GIVE: Final = "lateral.give"

@@ -22,7 +22,7 @@ class DrivenSimulator(Simulator, Protocol):
     def inputs(self) -> Mapping[str, str]: ...
 
 
-#: What such a simulator has.
+#: Attributes of such a simulator.
 _ATTRIBUTES: Final = ("name", "channels", "nuisances", "catalogue", "surfaces", "run", "inputs")
 _RIGHT: Final = 'write it as "my_oscillator:Oscillator", for a class in the file my_oscillator.py'
 

@@ -45,9 +45,9 @@ def friction_state(x: Array, x_2: float) -> Array:
     return alpha
 
 
-#: Gauge pressure at which the friction of a seal is reported: the middle of what an actuator sees.
+#: Gauge pressure at which the friction of a seal is reported: the middle of the range of an actuator.
 REFERENCE_PRESSURE: Final = 4e5
-#: Presliding of friction that is said to have none: far below what a sampled motion can show.
+#: Presliding of friction without presliding: far below the resolution of a sampled motion.
 SHARP: Final = 1e-6
 
 _BERG: Final = "M. Berg, Vehicle System Dynamics 33 (S1), 1999"
@@ -290,7 +290,7 @@ class Stroke:
         )
 
 
-#: The force that each effect adds, in N (n,). The lags are no forces: the simulator applies them to the signals.
+#: The force that each effect adds, in N (n,). The lags are not forces: the simulator applies them to the signals.
 FORCES: Final[Mapping[str, Callable[[Stroke, Mapping[str, float]], Array]]] = MappingProxyType(
     {
         "coulomb": lambda s, k: k["force"] * s.direction(),

@@ -45,13 +45,13 @@ from diagnosis.systems.twice_rounded import TwiceRounded, rounded_to, twice_roun
 REPLAY: Final = "replay "
 CONDITION: Final = "condition"
 REST: Final = "rest"
-#: Sampling interval of what travels on CAN at its full rate.
+#: Sampling interval of signals on CAN at their full rate.
 STEP: Final = 1.0 / FAST_RATE
-#: So many samples in a row that an accelerometer lost are bridged well enough.
+#: Longest gap of an accelerometer, in samples, that can be bridged.
 _BRIDGED: Final = 2
-#: Of plans that are no programmes, how the phases begin in which springs are moved vertically.
+#: For plans that are not programmes: the start of the names of phases with vertical motion of the springs.
 _VERTICAL: Final = "vertical "
-#: The state at the beginning of a run is read from so much of its first rest (s).
+#: Time (s) of the first rest that gives the state at the start of a run.
 _FIRST: Final = 1.0
 
 

@@ -15,7 +15,7 @@ from bench_protocol.unit_names import ReadUnit, UnknownUnit, read_unit
 from bench_protocol.units import UNITS, Unit
 from diagnosis.contracts import Array, Channel, DiagnosisError, MeasuredRun, Simulator
 
-#: What a channel measures, by its SI unit.
+#: The quantity of a channel, by its SI unit.
 KINDS: Final = {"N": "force", "Pa": "pressure", "K": "temperature", "m": "displacement"}
 
 
@@ -27,11 +27,11 @@ class SystemSignal:
     unit: str  #: SI
     title: str
     required: bool = True
-    gauge: bool = False  #: of a pressure: what the system wants; a map states what the file holds
+    gauge: bool = False  #: for a pressure: the reference that the system needs; a map states that of the file
     display: str = ""  #: unit that people read, with ``scale`` SI per unit
     scale: float = 1.0
     relative: bool = False  #: a difference: the zero of a unit does not count, 1 degC is 1 K
-    held: bool = False  #: of an input: it keeps its value between samples, unless a map says otherwise
+    held: bool = False  #: for an input: whether it is held between samples, unless a map states otherwise
     whole: bool = False  #: numbers between two samples mean nothing
 
     def channel(self, noise: float, resolution: float) -> Channel:
@@ -91,7 +91,7 @@ class System:
     sources: tuple[Path, ...] = ()
     #: The units that a map may name.
     units: Mapping[str, Unit] = field(default_factory=lambda: UNITS)
-    #: What is wrong in the map of which it was made, by key.
+    #: Errors in its map, by key.
     errors: Mapping[str, str] = field(default_factory=dict)
 
     @property

@@ -28,9 +28,9 @@ from diagnosis.contracts import Array
 _CODES: Final = 32
 #: Noise of at least this part of a step of the wire moves readings about.
 _MOVED: Final = 0.5
-#: A signal moves where it goes by so many times its noise within so many samples.
+#: A signal moves if it changes by this many times its noise within this many samples.
 _WAY, _WITHIN = 6.0, 40
-#: Readings contradict it where they are e to so many times likelier with all codes alike.
+#: Readings contradict it if their log likelihood with equal codes is larger by this.
 _AGAINST: Final = 5.0
 #: Corrections below this part of the noise are none.
 _LEAST: Final = 1e-3

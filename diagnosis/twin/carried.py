@@ -15,7 +15,7 @@ from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
 from diagnosis.systems.records import STEP
 from diagnosis.twin.innovations import Belief
 
-#: A motion goes to and fro within so many s.
+#: Longest period of a motion (s).
 _TO_AND_FRO: Final = 4.0
 
 

@@ -45,13 +45,13 @@ _CLOSELY: Final = 9
 _ROUNDS: Final = 2
 _FINE_ROUNDS: Final = 2
 _FINELY: Final = 3
-#: So many causes are tried as the first of two.
+#: Number of causes that are tried as the first of two.
 _FIRSTS: Final = 2
 #: Sizes, in ordinary ones, at which causes are tried: large ones only where no small one explains the stretch.
 _SIZES: Final = (1.0, 5.0)
-#: A cause that began so many s after the start of a stretch is distinguished from one that was there before.
+#: Time (s) after the start of a stretch from which a new cause is distinguished from an earlier one.
 _LATE: Final = BLOCK
-#: Causes within so much χ² of the best one are reported together with it.
+#: Causes within this χ² of the best one are reported together with it.
 _ALIKE: Final = 9.0
 
 

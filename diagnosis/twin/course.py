@@ -16,7 +16,7 @@ from diagnosis.twin.forms import Form, SizedCause
 #: What the replay of a cause may be off by that did not act from the start, as a part of its size: an orifice of which
 #: half is blocked comes out 3.5 % too open.
 _ROUGHLY: Final = 0.02
-#: A size is surer whose interval is so many times as wide at most.
+#: A size counts as better known if its interval shrinks to this part at most.
 _SURER: Final = 0.8
 _NONE: Final[Mapping[str, Hypothesis]] = MappingProxyType({})
 

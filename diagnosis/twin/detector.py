@@ -28,7 +28,7 @@ from diagnosis.contracts import Array
 
 #: Mean length of a sound run between two alarms, in s: 100 h.
 BETWEEN: Final = 100 * 3600.0
-#: What a block adds to log M of one alternative at most.
+#: Largest contribution of a block to log M of one alternative.
 MOST: Final = 4.0
 #: Errors of the model's form last. An error of one allowed standard deviation supports none of these.
 _MEANS: Final = (-4.0, -2.0, 2.0, 4.0)

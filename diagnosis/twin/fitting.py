@@ -53,7 +53,7 @@ class Fit:
         imitated = self._weighted @ x
         strength = x.T @ (x * self._w[:, None]) - imitated.T @ self._inverse @ imitated
         pull = x.T @ self._pull
-        # Two that do the same are no two: the least squares then give each a half, and no certainty.
+        # Two causes with the same effect count as one: least squares would give each a half, with a large uncertainty.
         covariance = np.linalg.pinv(strength, hermitian=True)
         sizes = covariance @ pull
         left = self._chi2 - float(pull @ sizes)

@@ -26,16 +26,16 @@ from diagnosis.twin.replays import Replays, can_be, typical
 
 #: χ² by which a beginning may fit worse than the best and still be possible (k = 2).
 POSSIBLE: Final = 4.0
-#: Growth is searched from so many bins before the deviation on; steps are simulated from so many places.
+#: Bins before the deviation from which growth is searched, and number of simulated places of steps.
 _BEFORE: Final = 600
 _PLACES: Final = 20
-#: Beginnings and ends are looked for ever closer, in so many bins.
+#: Numbers of bins of the successively finer searches for beginnings and ends.
 _CLOSER: Final = (40, 20, 10, 5, 2)
 #: The same for causes that end, where each place must be simulated.
 _SHARPER: Final = (20, 5)
 #: A twin with more than this χ² per reading deviates.
 _FAR: Final = 2.0
-#: Growth takes so many bins at least; a shorter one counts as a step.
+#: Shortest growth in bins; a shorter one counts as a step.
 _GROWS: Final = 40
 
 
@@ -88,7 +88,7 @@ class SizedCause(NamedTuple):
     until: float | None = None
 
 
-#: What steps do: by the bins in which they begin, what a cause adds per unit of its size (n, c).
+#: Effects of steps by start bin: the contribution of a cause per unit of its size (n, c).
 Steps = Mapping[int, Array]
 
 
@@ -163,7 +163,7 @@ class Forms:
         self._fit, self._cause, self._last = fit, cause, bins
         self._steps, self._steps_at = dict(steps), steps_at
         self._tried: dict[tuple[Form, int, int], Shaped] = {}
-        self._more: Array | float = 0.0  # what a form that grows does per unit and is no sum of steps
+        self._more: Array | float = 0.0  # effect per unit of a growing form that is not a sum of steps
 
     def grown(self, begins: int, ends: int, size: float, added: Array) -> Shaped:
         """Return the growing form for a replay that ``added`` (n, c) at ``size``.

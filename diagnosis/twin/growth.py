@@ -28,11 +28,11 @@ from diagnosis.twin.pairs import Acting
 from diagnosis.twin.replays import Secant, bounded, can_be, typical
 from diagnosis.twin.slices import Work
 
-#: So many replays of one growth.
+#: Number of replays of one growth.
 _ROUNDS: Final = 10
 #: It is found when the next one would be so near, as a share of its size.
 _SAME: Final = 1e-3
-#: Steps of something that acted before are of so many times an ordinary size: it may have grown since.
+#: Size of the steps of an earlier cause, in ordinary sizes: it may have grown since.
 _LARGER: Final = 5.0
 
 

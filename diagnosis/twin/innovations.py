@@ -44,7 +44,7 @@ from diagnosis.contracts import Array, Channel, Experiment, Job, MeasuredRun, Nu
 from diagnosis.systems.air_spring.parameters import CHAMBERS, EACH_SIDE, SHEAR
 from diagnosis.systems.air_spring.simulator import AirSpring
 
-#: Readings are averaged over bins of so many s, and judged in blocks of so many bins.
+#: Length (s) of the bins for averaging readings, and number of bins in a block to be judged.
 BIN: Final = 0.05
 BINS: Final = 10
 BLOCK: Final = BIN * BINS
@@ -63,11 +63,11 @@ PRESSURE: Final = 450.0
 #: Uncertainty of friction, one standard deviation: its force where a stretch begins, in shares of its limit; the curve
 #: that it follows, D in x₂; its error after a reversal, in shares of the limit (`friction_goes_on`).
 FRICTION: Final[Mapping[str, float]] = {"force": 0.6, "curve": 0.6, "turn": 0.1}
-#: A motion has gone somewhere once it has come so far, in x₂.
+#: Travel, in x₂, from which a motion counts as one.
 _GONE: Final = 0.05
 #: The median of the square of a standard normal number.
 _MEDIAN: Final = 0.4549
-#: Over so many s a rate is read.
+#: Time (s) over which a rate is computed.
 _FIRST: Final = 1.0
 
 

@@ -9,9 +9,9 @@ from bench_records.twin import Compared, LastMinute
 from diagnosis.contracts import Array, Channel
 from diagnosis.twin.innovations import BLOCK, Innovations
 
-#: So long (s) is looked back.
+#: Length (s) of the history.
 _MINUTE: Final = 60.0
-#: So many digits are kept: a pressure to 1 Pa, a force to 0.1 N.
+#: Number of stored digits: a pressure to 1 Pa, a force to 0.1 N.
 _DIGITS: Final = 6
 
 

@@ -14,11 +14,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-#: A look comes so many s after the last one began at the earliest.
+#: Shortest time (s) between the starts of two looks.
 EVERY: Final = 0.5
 #: Greatest delay (s) of the next look by a search: 2 s minus the time until a search can be interrupted.
 BEHIND: Final = 1.4
-#: A search gets so much of what a look takes at least, or nothing would ever come of it.
+#: Smallest share of time for a search, relative to a look, so that it makes progress.
 _LEAST: Final = 0.25
 
 

@@ -12,7 +12,7 @@ from diagnosis.twin.innovations import BIN, BINS
 from diagnosis.twin.replays import bounded, can_be, typical
 from diagnosis.twin.slices import Work
 
-#: Of so many second causes for each first one the beginning is looked for.
+#: Number of second causes for each first one whose start is searched.
 _SECONDS: Final = 3
 #: Which of the two is moved next, and by which bins around its present beginning: the second one is not known yet.
 _NEAR: Final = (
@@ -22,7 +22,7 @@ _NEAR: Final = (
     (1, (-10, -5, -3, -2, -1, 0, 1, 2, 3, 5, 10)),
     (0, (-3, -2, -1, 0, 1, 2, 3)),
 )
-#: Each of two must be so many of its standard deviations: what hardly acts explains nothing.
+#: Smallest size of each of two causes in its standard deviations: a smaller one explains nothing.
 _SURE: Final = 4.0
 
 

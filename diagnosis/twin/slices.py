@@ -12,7 +12,7 @@ from typing import Generic, TypeAlias, TypeVar
 from bench_protocol.clock import processor_time
 
 Found = TypeVar("Found")
-#: What yields now and then, and returns what it has found.
+#: A generator that yields now and then, and returns its result.
 Work: TypeAlias = Generator[None, None, Found]
 
 

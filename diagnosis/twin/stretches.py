@@ -22,7 +22,7 @@ from diagnosis.contracts import Array
 from diagnosis.systems.motion import SENSORS, binned, scatter
 from diagnosis.systems.records import SettingsOfRecord
 
-#: A run is looked at in steps of so many s.
+#: Step (s) in which a run is processed.
 STEP: Final = 0.1
 #: Slower than this over `_STILL` s is rest (m/s, rad/s); so long (s) it must last before a stretch begins.
 _SPEED: Final = 0.05e-3
@@ -30,22 +30,22 @@ _STILL: Final = 0.5
 #: And so little (m, rad) do its samples scatter, noise included: in half a second, 2 Hz has the mean of a rest.
 _SCATTER: Final = 0.1e-3
 REST: Final = 1.0
-#: After so many s a stretch ends at the next rest, where another one begins.
+#: Length (s) from which a stretch ends at the next rest, where another one begins.
 LONG: Final = 60.0
-#: Where no rest has come so many s after its start, it ends in the motion, and another one begins there.
+#: Length (s) after which it ends without a rest, in the motion, where another one begins.
 LONGEST: Final = 90.0
 #: That one is replayed from so many s before: by then dash-pots and friction have forgotten where they began.
 SETTLES: Final = 5.0
-#: While a thermometer of the gas goes up or down faster than this (K/s), walls are warm that no one knows of.
+#: If a thermometer of the gas changes faster than this (K/s), the temperature of the walls is unknown.
 _WARMING: Final = 2.0
 _NEAR: Final = 2.0
-#: A motion that was not received for more than so many steps on both sides is not bridged.
+#: Longest gap of a motion, in steps on both sides, that is bridged.
 _BRIDGED: Final = 1
-#: The result at a step depends on samples at most so many s before and after it.
+#: The result at a step depends on samples up to this time (s) before and after it.
 _SURE: Final = 5.0
 #: Least length (s) of a stretch.
 LEAST: Final = 2.0
-#: States in which the chambers are as the settings say.
+#: States in which the valves of the chambers follow the settings.
 _KNOWN: Final = (BenchState.AIR_HIGH, BenchState.HOLD, BenchState.ACTIVE)
 
 #: Why the model cannot be judged somewhere.
@@ -204,7 +204,7 @@ def resting(record: Record, grid: Array) -> NDArray[np.bool_]:
         mean = _mean(record, name, grid)
         if mean is None or len(mean) <= reach:
             continue
-        # Means over half a second: a slow rig has few samples, and their noise is no motion.
+        # Means over half a second: a slow rig has few samples, and their noise is not motion.
         mean = sliding_window_view(
             np.pad(mean, (reach // 2, reach - 1 - reach // 2), mode="edge"), reach
         ).mean(axis=1)

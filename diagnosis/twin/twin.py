@@ -51,14 +51,14 @@ from diagnosis.twin.stretches import (
 _WAITS: Final = 0.5
 #: The cause of a deviation is searched again when the stretch has grown by this factor.
 _AGAIN: Final = 1.6
-#: Where two causes may act, the first one is searched for in samples until so many s after its report.
+#: If two causes may act, the search for the first one uses samples until this time (s) after its report.
 _SOON: Final = 2.0
 #: A cause is over when less than this part of its size is left (k = 2).
 _GONE: Final = 0.5
 #: A deviation without an explanation is over after so many times the time that it took to be reported, and so many s.
 _AS_LONG: Final = 2.0
 _LONG: Final = 20.0
-#: A stretch is replayed from that one on which it goes on from: so many s before it begins, at most.
+#: A replay starts with the stretch that the present one continues, at most this many s before it.
 _BACK: Final = 300.0
 
 
@@ -110,7 +110,7 @@ class Twin:
         self._closed: list[Judged] = []
         self._deviations: tuple[Deviation, ...] = ()
         self._open: Deviation | None = None
-        self._known: tuple[SizedCause, ...] = ()  # what explained the present stretch when it was shorter
+        self._known: tuple[SizedCause, ...] = ()  # the explanation of the present stretch when it was shorter
         self._looked_until = 0.0
         self._since = BEGINNING  # a stretch whose beginning will not be another one
         self._later = False
@@ -169,7 +169,7 @@ class Twin:
                     self._since = stretch
             else:
                 self._close(one)
-            self._simulator.forget()  # each stretch comes once in a look
+            self._simulator.forget()  # each stretch occurs once in a look
         self._until, self._last = self._record.duration, open_one
         return self.story
 
@@ -262,7 +262,7 @@ class Twin:
                 self._is_it_over(seen, start, end)
             lasts = self._waiting or (self._deviations and self._deviations[-1].lasts)
             if not stretch.open and not lasts:
-                # What a fault does that lasts is no tolerance.
+                # The effect of a lasting fault is not a tolerance.
                 self._belief, self._detector, self._noise = told.belief, detector, seen.columns.noise
         if not stretch.open:
             self._before, self._carried, self._minute = (seen, told.belief), None, self._last_minute
@@ -288,7 +288,7 @@ class Twin:
             again = replace(before, withdrawn=False) if before else replace(deviation, searched=False)
             self._open = course.extend_deviation(before or again, again, end)
         if not self._later:
-            self._search = None  # by all that has come is better
+            self._search = None  # the result from all samples is better
         if self._search is None and (new or longer or (not stretch.open and self._looked_until < end)):
             self._search = _Search(Sliced(self._explained(deviation, stretch, seen, since)), start, end)
             self._looked_until = end

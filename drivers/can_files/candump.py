@@ -33,7 +33,7 @@ _SHOWN: Final = re.compile(
 _ERROR_FLAG: Final = 0x2000_0000
 _SWAPPED: Final = "`"
 _LENGTHS: Final = frozenset({*range(9), 12, 16, 20, 24, 32, 48, 64})
-#: So many frames in rising order occur by chance in less than one log of five thousand.
+#: Number of frames in rising order that occurs by chance in less than one log of five thousand.
 _SURE: Final = 8
 _LARGE: Final = 10**6 * 10**9  #: ns: no delta, and no time since the beginning of a log
 _MEANT: Final = "state --stamps absolute or --stamps delta"

@@ -71,7 +71,7 @@ class Sequences:
     at_rest: tuple[str, ...]  #: states in which a bench is at rest
     air: Mapping[str, AirFate] = field(
         default_factory=dict
-    )  #: what happens to the air of the springs, by state, where it is known
+    )  #: state of the air of the springs, by state of the rig, if known
 
 
 @dataclass(frozen=True, slots=True)

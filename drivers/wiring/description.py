@@ -35,7 +35,7 @@ from drivers.wiring.written import order_names, plain_number, si_value
 PACKAGE: Final = "wirings"
 #: Permitted difference of a setting that is read back, as a share of its range, because a rig rounds values.
 _ROUNDED: Final = 0.001
-#: What the table ``[sequences]`` is called in files of version 0.1.
+#: The name of the table ``[sequences]`` in files of version 0.1.
 _EARLIER: Final = "conduct"
 _NOT_MENTIONED: Final = "the wiring does not mention it"
 
@@ -107,7 +107,7 @@ class _Reader:
                 for signal in self._table.signals
                 if signal.name not in entries and not (player and signal.name.startswith(PLAYED))
             ]
-            # A transport of ours carries what no line does, and our own wires have.
+            # A transport of ours carries the signals of our own wires that have no line.
             carried = [name for name in unsaid if direct and self._table[name].kind is not Kind.FURTHER]
             unmentioned = [name for name in unsaid if name not in carried]
             self._absent = dict.fromkeys(unmentioned, _NOT_MENTIONED) | self._absent

@@ -10,7 +10,7 @@ from typing import Any, Final, TypeVar
 from bench_protocol.units import s
 
 T = TypeVar("T")
-#: What a loop may take to say that the time is over; one that was stopped meanwhile says nothing.
+#: Time (s) for a loop to report a time-out; a loop that was stopped reports nothing.
 _GRACE: Final = 1 * s
 
 

@@ -26,7 +26,7 @@ from drivers.wiring.lines import PlayerLimits
 RETURN: Final = 1 * s
 #: A wave of which fewer set-points are streamed in a cycle would be a staircase.
 POINTS_MIN: Final = 5
-#: What a wave moves on by at the most in a cycle of the set-points: one may be missing, a stall is left out.
+#: Largest advance of a wave in a cycle of the set-points: one cycle may be missing, a stall is skipped.
 _STEP_MAX: Final = round(2 * NS / COMMAND_RATE)
 #: The control mode of the axis, its actuators, and the sign of each.
 _MOVES: Final[Mapping[str, tuple[str, Mapping[str, int]]]] = {

@@ -25,7 +25,7 @@ Wave = Literal["sine", "triangle"]
 
 #: Fewer samples per cycle would fit anything.
 SAMPLES_PER_CYCLE_MIN: Final = 8
-#: With so many steps the phase of a wave is found.
+#: Number of steps for finding the phase of a wave.
 _STEPS: Final = 3
 #: Turning points of a slow loop are where the motion is within this fraction of its range from its ends.
 TURNING: Final = 0.02
@@ -216,7 +216,7 @@ def without_drift(motion: Samples, force: Samples) -> Samples:
             f"the loop is not closed: it begins at {motion[0]:.3g} m and ends at {motion[-1]:.3g} m"
         )
     ends = max(1, force.size // 50)
-    # The means over both ends stand a little apart in motion too: that part of their difference is the spring's own.
+    # The means over both ends also differ slightly in motion: that part of the difference belongs to the spring.
     apart = motion[-ends:].mean() - motion[:ends].mean()
     slope = np.cov(motion, force)[0, 1] / motion.var(ddof=1)
     drift = force[-ends:].mean() - force[:ends].mean() - slope * apart
@@ -287,7 +287,7 @@ HEIGHTS: Final = BY_GROUP[Group.HEIGHT]
 CHAMBERS: Final = ("bellows", "auxiliary")
 PRESSURES: Final = BY_GROUP[Group.PRESSURE]
 BELLOWS_TEMPERATURES: Final = tuple(f"{side}.bellows_temperature" for side in SIDES)
-#: Where the generator is in its program.
+#: Signals of the state of the generator in its program.
 GENERATOR: Final = ("rig.program", "rig.generator_cycle")
 
 

@@ -26,7 +26,7 @@ WEIGHT: Final = ("bolster_mass", "gravity")
 LASERS: Final = tuple(across(f"{side}.height") for side in SIDES)
 ACTUATORS: Final = tuple(across(f"vertical_{side}") for side in SIDES)
 HEIGHTS_ABOVE: Final = ("centre_height", "lateral_actuator_height", "column_height")
-#: To see how the springs stand, and to put them there.
+#: Dimensions to measure and to set the pose of the springs.
 SEEING: Final = (*LASERS, *HEIGHTS_ABOVE, "lateral_frame_stiffness")
 PLACING: Final = (*SEEING, *ACTUATORS, "stop_gap")
 

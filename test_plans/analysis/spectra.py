@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from test_plans.analysis import NotMeasured, Samples
 
-#: Of a normal distribution, to either side.
+#: Of a normal distribution, for 95 %, to either side.
 SIGMAS_OF_95: Final = 1.96
 
 
@@ -78,7 +78,7 @@ def spectra(
             f"the samples last {x.size / rate:.3g} s, but two segments of {segment:g} s are needed"
         )
     window = get_window("hann", length)
-    # All segments at once: scipy's own csd goes segment by segment, which takes fifteen times as long.
+    # All segments at once: scipy's own csd processes one segment after the other, which takes fifteen times as long.
     X, Y = (
         np.fft.rfft(window * detrend(sliding_window_view(series, length)[:: length - length // 2]))
         for series in (x, y)

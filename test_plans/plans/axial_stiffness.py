@@ -27,10 +27,10 @@ ISOBARIC: Final = CheckName(
     "Force over displacement at constant pressure: the stiffness of "
     "bellows contour and rubber, without that of the air.",
 )
-#: Up, down and up again, each place from both directions: what friction does falls out of the mean.
+#: Up, down and up again, each place from both directions, so that friction cancels in the mean.
 STAIRS: Final = tuple(z * mm for z in (10, 20, 10, 0, -10, -20, -10, 0))
 STAIR_RATE: Final = 10 * mm / s
-#: Air that was let in or out comes to the temperature of the walls, and a little more of it is needed.
+#: Air that was let in or out reaches the temperature of the walls, and a little more of it is needed.
 STAIR_WAIT: Final = 3 * s
 
 
@@ -102,7 +102,7 @@ def _slope(
     side: str, area: float, rig: Rig, rest: Mapping[str, float], *stairs: Mapping[str, float]
 ) -> float:
     """Return the slope of force over compression (N/m) through the mean readings at each step."""
-    # The valves bring the pressure back within some mbar: what is missing weighs as much as its area.
+    # The valves bring the pressure back within some mbar: the force of the remaining difference is that on the area.
     away = [mean[f"{side}.bellows_pressure"] - rest[f"{side}.bellows_pressure"] for mean in stairs]
     means = [{name: np.asarray(value) for name, value in mean.items()} for mean in stairs]
     force = np.array([load_on(mean, rig, side) for mean in means]) - area * np.array(away)

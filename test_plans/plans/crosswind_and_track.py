@@ -73,7 +73,7 @@ ROLL_STEPS: Final = 6
 #: The host cannot stream faster motions.
 FASTEST: Final = 5 * Hz
 BEFORE: Final = 2 * s
-#: The track lasts so long at least, and its first cycles swing in.
+#: Shortest duration of the track, and duration of its transient.
 TRACK_LASTS: Final = 10 * s
 LEAD: Final = 1.5 * s
 #: Of the first harmonic of a wind that is not steady: so many pieces show how much it scatters.
@@ -96,7 +96,7 @@ RELEASED: Final = "roll that friction gives back"
 #: is even, at most 1.05 U: a value from the middle of the limits stays within them.
 WIDTH_PER_U: Final = 2.5
 ROLL_BY_PRESSURE: Final = "crosswind_and_track.roll_stiffness_by_pressure"
-#: Every how many samples is kept of a loop.
+#: Interval of the recorded samples of a loop.
 KEPT: Final = 10
 
 TRAVEL: Final = CheckName(

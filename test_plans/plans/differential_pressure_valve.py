@@ -36,9 +36,9 @@ BACK_RATE: Final = 10 * mm / s
 HALF: Final = 17 * mm
 #: The gas that was squeezed gives off its heat before it is weighed.
 SETTLE: Final = 8 * s
-#: What counts as an opening, of the highest one.
+#: Part of the highest opening pressure that counts as an opening.
 OPENED: Final = 0.97
-#: What a transducer's noise is averaged over: 0.05 s, in which an open valve changes the difference by 20 mbar.
+#: Samples for averaging the noise of a transducer: 0.05 s, in which an open valve changes the difference by 20 mbar.
 SMOOTH: Final = 10
 
 

@@ -229,7 +229,7 @@ def endurance(
     run.bench.wait(COOL)
     steps.lock_the_air(run)
     with run.phase("run in"):
-        _look(run, case, axis, home, Looks())  # friction remembers a look, too
+        _look(run, case, axis, home, Looks())  # friction depends on an inspection, too
         _cycle(run, axis, amplitude, frequency, run_in, Looks())
     looks = Looks()
     try:

@@ -17,7 +17,7 @@ from test_plans.steps.shaking import check_stiffness
 from test_plans.steps.waves import SLOW_LATERAL_WAVES, shake
 from test_plans.steps.waves import lateral_stiffness as stiffness_of
 
-#: Slow enough for a quasi-static spring; friction forgets the way to the offset within the lead.
+#: Slow enough for a quasi-static spring; friction loses the memory of the way to the offset within the lead.
 FREQUENCY: Final = 0.5 * Hz
 LEAD: Final = 10 * s
 STIFF: Final = CheckName(

@@ -25,12 +25,12 @@ from test_plans.steps.poses import Home, go_home, restore_the_air
 from test_plans.steps.shaking import SAMPLE_RATE, check_band
 
 PRESSURES: Final = tuple(f"{side}.auxiliary_pressure" for side in SIDES)
-#: Stairs through both ends of the dead band; the lever comes near each within its lag.
+#: Steps through both ends of the dead band; the lever approaches each within its lag.
 STAIRS: Final = tuple(z * mm for z in np.arange(2.0, 8.25, 0.5))
 #: The valve opens somewhere between two of them.
 STAIR: Final = "between two stairs"
 NOT_OPENED: Final = "the valve did not open by the last step"
-#: So many samples the mean height on a stair has at least.
+#: Smallest number of samples of the mean height at a step.
 STAIR_SAMPLES: Final = 15
 #: Samples up to the target, half a second, from which it is reported when it was reached.
 ON_THE_WAY: Final = 100

@@ -57,7 +57,7 @@ ZEROS: Final = {
 }
 CELL_ZERO: Final = 200 * N
 PLACE_ZERO: Final = 0.05 * mm
-#: The platform is held where its own transducers read 0, and lasers see the bolster from there.
+#: The platform is held where its own transducers read 0; lasers measure the bolster relative to it.
 PLATFORM_ZERO: Final = 0.02 * mm
 PLATFORM_ROLL_ZERO: Final = 0.05 * mrad
 THERMOMETER_ZERO: Final = 0.1 * K
@@ -65,9 +65,9 @@ THERMOMETER_ZERO: Final = 0.1 * K
 ROOM: Final = 1.1
 READ_OVER: Final = 2 * s
 
-#: Up and down again: what friction and creep of a cell do shows as a branch next to the other.
+#: Up and down again, so that friction and creep of a cell separate the two branches.
 FORCE_STEPS: Final = tuple(F * kN for F in (5, 20, 40, 60, 40, 20, 5))
-#: Of it on the right: sides that are plugged in crosswise show.
+#: Share of it on the right; it reveals sides that are connected crosswise.
 RIGHT_SHARE: Final = 0.8
 PUSH_STEPS: Final = tuple(F * kN for F in (0.0, 0.7, 1.4, 0.0, -0.7, -1.4, 0.0))
 PRESS_RATE: Final = 10 * kN / s
@@ -79,11 +79,11 @@ LATERAL_GAIN: Final = within(1.0, 0.02)
 #: From the straight line, of the largest force.
 NONLINEAR: Final = Band(high=0.005)
 FRAME_WITHIN: Final = 0.10
-#: So much stiffer than any spring that a spring's stiffness is right within 1 %.
+#: So stiff that the stiffness of a spring is correct within 1 %.
 BLOCK: Final = Band(low=200 * MN / m)
 #: Beyond this a way is too small to be distinguished from none.
 STIFFEST: Final = 10_000 * MN / m
-#: Blocks stand at design height, stops far below.
+#: Blocks support at design height, stops far below.
 AT_BLOCKS: Final = 10 * mm
 READS_ZERO: Final = {
     Group.PRESSURE: CheckName(
@@ -279,7 +279,7 @@ def _zeros(
     for group, (tolerance, unit) in ZEROS.items():
         for name in (one for one in BY_GROUP[group] if one not in bearing(rig)):
             read, off = {name: 1.0}, tolerance
-            if group is Group.ACCELERATION:  # it leans with the bolster: gφ is no error of its
+            if group is Group.ACCELERATION:  # it leans with the bolster: gφ is not an error of it
                 lean = rig["gravity"] / (rig[LASERS[0]] - rig[LASERS[1]])
                 read |= {"left.height": -lean, "right.height": lean}
                 off += 2 * lean * PLACE_ZERO
@@ -293,7 +293,7 @@ def _zeros(
             ("platform.vertical", 1.0, PLATFORM_ZERO),
             ("platform.roll", rig[across(height)], PLATFORM_ROLL_ZERO),
         ):
-            if has(name):  # a platform that no one reads is at rest
+            if has(name):  # a platform without readings is at rest
                 sum_of[name] = share
                 tolerance += abs(share) * zero
         yield title, sum_of, 0.0, tolerance, "mm"

@@ -21,7 +21,7 @@ from test_plans.steps.rolled import ROLL_SHEAR, RollAngle
 from test_plans.steps.shaking import SAMPLE_RATE, Values, check_band, generator_cycles
 from test_plans.steps.waves import SLOW_LATERAL_WAVES
 
-#: Slow, and as far as the load of `aw0` and `aw3` rolls the bolster; friction forgets where it came from in the lead.
+#: Slow, and as far as the load of `aw0` and `aw3` rolls the bolster; friction loses its memory during the lead.
 SWING: Final = 10 * mrad
 SWING_FREQUENCY: Final = 0.3 * Hz
 LEAD: Final = 2

@@ -29,7 +29,7 @@ READ: Final = (*POSE_SIGNALS, *VERTICAL_CELLS, *SHEAR_CELLS)
 FREQUENCY: Final = 0.3 * Hz
 #: Slow motions need no more samples.
 RATE: Final = 50 * Hz
-#: Friction forgets in the lead where it came from; the first and the last cycle come and go softly.
+#: Friction loses its memory during the lead; the first and the last cycle fade in and out.
 LEAD: Final = 2
 MEASURED: Final = 3
 STEP: Final = 0.02 * s

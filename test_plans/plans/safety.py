@@ -37,7 +37,7 @@ SETTINGS_AFTER: Final = 1 * s
 SAFE_AFTER: Final = 15 * s
 #: An operator presses first and answers then.
 ESTOP_AFTER: Final = 0.1 * s
-#: Beyond the time that is allowed, to see by how much it is missed.
+#: Observation beyond the allowed time, to measure the excess.
 LONGER: Final = 3 * s
 #: After a silence of this length the state of the signal is unknown.
 UNSEEN: Final = 1 * s
@@ -50,7 +50,7 @@ NO_SUPPLY: Final = 1 * bar
 SUPPLY_WITHIN: Final = 1 * minutes
 UNDO_WITHIN: Final = 5 * s
 OFF_WITHIN: Final = 5 * s
-#: The bench goes on venting when it is disabled: below this the springs may be opened, whatever the readings err by.
+#: The bench continues venting when it is disabled: below this the springs may be opened, for any error of the readings.
 EMPTIED: Final = 0.5 * RESIDUAL_PRESSURE
 EMPTY_WITHIN: Final = 10 * s
 #: Threshold between 0 (no) and 1 (yes).
@@ -178,7 +178,7 @@ class Course:
 
     def _last_large(self, name: str, values: Samples, limit: float) -> float:
         if not self._seen(name):
-            return self._watched  # no one knows
+            return self._watched  # unknown
         times = self._times[name]
         large = np.flatnonzero(~(np.abs(values) <= limit))
         after = large[-1] + 1 if large.size else 0
@@ -316,7 +316,7 @@ def _press_the_stop(run: Run) -> None:
     bench, watched = run.bench, SAFE_AFTER + LONGER
     released = _undone(run, "Release the emergency stop", "estop off")
     with run.phase(name), bench.despite_faults(), released:
-        # Anyone who presses says so some time afterwards, when the springs may be empty already.
+        # The operator confirms some time after pressing, when the springs may already be empty.
         with bench.capture(*READ) as capture:
             if not run.confirm("Press the emergency stop", *names, deed="estop on"):
                 return

@@ -33,7 +33,7 @@ from test_plans.steps.shaking import check_band
 from test_plans.steps.tables import FREQUENCY, MAGNITUDE, keep
 from test_plans.steps.wind import RISE, admittance, fade, random_process, side_force, spectrum
 
-#: How much a track moves springs, and how fast, goes with the speed: the limits hold for this one.
+#: Amplitude and rate of the motion by the track depend on the speed: the limits hold for this one.
 TRAIN_SPEED: Final = 100 * FACTORS["km/h"]
 TRACK: Final = ("platform.vertical", "platform.lateral")
 READ: Final = (*POSE_SIGNALS, *TRACK, *SHEAR_CELLS, *VERTICAL_CELLS, *PRESSURES)
@@ -230,7 +230,7 @@ def check_stiffness(
         moved = of(rig, read).between(*BAND).value
         return moved.real, phase(moved)
 
-    # What the instruments make uncertain, and what is not coherent.
+    # Uncertainty by the instruments and by the incoherent part.
     stiffness, angle = run.measure(numbers, run.rig, values, rate=RATE)
     band = limits.band(f"stochastic_crosswind.{direction}_stiffness", "kN/m")
     note = f"coherence {K.coherence:.4f}, {K.averages:.0f} averages"

@@ -46,16 +46,16 @@ from test_plans.track_file import NoTrack, TrackRecord, read_track
 Values = Mapping[str, Samples]
 KMH: Final = FACTORS["km/h"]
 
-#: What represents a file: a track that is drawn, of the low level of ERRI B 176, always the same.
+#: Name of a generated track instead of a file: low level of ERRI B 176, always the same.
 DRAWN: Final = "ERRI-low"
 DRAWN_LENGTH: Final = 20_000 * m
 DRAWN_STEP: Final = 0.5 * m
-#: Of its waves: the ranges D1 and D2 of EN 13848-1. Longer ones are the line, shorter ones no wheel follows.
+#: Range of its waves: D1 and D2 of EN 13848-1. Longer ones are the line; no wheel follows shorter ones.
 WAVES: Final = (3 * m, 70 * m)
 WAYS: Final = ("platform.vertical", "platform.lateral", "platform.roll")
 READ: Final = (*POSE_SIGNALS, *WAYS[:2], *SHEAR_CELLS, *VERTICAL_CELLS, *PRESSURES)
 BEFORE: Final = 2 * s
-#: So much later than it was asked to the platform may be.
+#: Largest delay of the platform.
 LATEST: Final = 0.5 * s
 #: Allowed difference from the requested motion, rms, as a fraction: set-points 20 ms apart, lag and noise.
 BESIDE_MOST: Final = 0.1
@@ -64,7 +64,7 @@ LEAST: Final = 2e-4
 #: The limits of the vertical stiffness hold for the drawn track at `TRAIN_SPEED`. A speed so much different as a
 #: fraction changes K' by 1 % and the loss angle by 3 %, a tenth and a fifth of their tolerances.
 SPEED_WITHIN: Final = 0.05
-#: Every how many samples is drawn.
+#: Interval of the drawn samples.
 KEPT: Final = 4
 
 BESIDE: Final = CheckName(

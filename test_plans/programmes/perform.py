@@ -44,11 +44,11 @@ if TYPE_CHECKING:
     from drivers.receiver import Capture
     from test_plans.run import Run
 
-#: The gas of filling and leveling comes near the temperature of the walls before the valves are shut.
+#: The gas approaches the temperature of the walls after filling and leveling, before the valves are shut.
 COOL: Final = 10 * s
 #: Fine enough to show how long a programme lasts.
 COARSE: Final = 10 * Hz
-#: A stretch begins with gas whose temperature its thermometers (1 s) have caught up with.
+#: A stretch begins when the thermometers (1 s) have reached the temperature of the gas.
 SETTLE: Final = 10 * s
 #: From the end of one stretch to the beginning of the next, on the average.
 BETWEEN: Final = SETTLE + 1 * s
@@ -63,10 +63,10 @@ WENT: Final = CheckName(
     "{name}: way of the {what}",
     "The share of the commanded motion that was made: a diagnosis cannot find anything in what did not move.",
 )
-#: Actuators follow within a few per cent; frame and emergency springs give way by a little more.
+#: Actuators follow within a few per cent; frame and emergency springs yield by a little more.
 WAY: Final = Band(0.8, 1.2)
 
-#: What taking up a load, and letting the air off at the end, take next to the stretches.
+#: Time for taking up a load, and for venting at the end, in addition to the stretches.
 TAKE_UP: Final = {AW0: 40 * s, AW3: 52 * s}
 
 

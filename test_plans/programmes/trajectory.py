@@ -25,7 +25,7 @@ from test_plans.programmes.motions import (
 from test_plans.steps.poses import POSE_SETTLE
 
 RATE: Final = 200 * Hz
-#: From the order to start a wave until the plan hears of its end: cycles of commands and looks at the state.
+#: Time from the start order of a wave until the plan detects its end: cycles of commands and of polling.
 GENERATOR_LATE: Final = 0.01 * s
 AXES: Final = ("vertical_left", "vertical_right", "lateral", "platform_roll")
 

@@ -37,14 +37,14 @@ PRESSURE: Final = CheckName(
     "pressure in the {side} bellows",
     "The pressure that carries the load: a wrong one means a wrong effective area, from a wrong bellows or piston.",
 )
-#: What `check_air` checks.
+#: Checks of `check_air`.
 AIR: Final = (LOAD, REST_HEIGHT, PRESSURE)
 TIGHT: Final = CheckName(
     "air lost per minute, {side} spring",
     "The share of its air that a closed spring loses per minute: with a leak it rests on its stops the next morning.",
 )
 
-#: What identifies the mass of air in the springs.
+#: Signals and dimensions that determine the mass of air in the springs.
 _GAS: Final = tuple(
     f"{side}.{part}_{what}" for side in SIDES for part in CHAMBERS for what in ("pressure", "temperature")
 )
@@ -53,7 +53,7 @@ _READ: Final = (*_GAS, *HEIGHTS)
 WEIGHED_BY: Final = (*_READ, *VERTICAL_CELLS, *CELLS, *LASERS, *lags(_THERMOMETERS))
 #: The gas is read over so many lags of its thermometers: over one lag, a step of 0.1 K is 0.1 % of air in a minute.
 LAGS: Final = 5
-#: So many samples a mean over a second has at least.
+#: Smallest number of samples of a mean over a second.
 AVERAGED: Final = 10
 _OTHER: Final = {"left": "right", "right": "left"}
 

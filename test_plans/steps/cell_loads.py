@@ -39,13 +39,13 @@ AGAINST: Final = CheckName(
     "what the cells bear against each other",
     "The largest load of a cell that no external force causes, over the load: the support of a cell yields.",
 )
-#: What a cell across may read of a vertical force.
+#: Largest reading of a lateral cell, relative to a vertical force.
 CROSSTALK: Final = Band(-0.002, 0.002)
-#: How well seats and actuators are set up lengthwise.
+#: Longitudinal tolerance of seats and actuators.
 CENTRED: Final = 5 * mm
 #: Sideways the forces are small.
 AHEAD_WITHIN: Final = {"force upward": Band(-CENTRED, CENTRED), "force sideways": Band(-10 * mm, 10 * mm)}
-#: Of the load: three times what the errors of four cells make of it.
+#: Relative to the load: three times the result of the errors of four cells.
 TOGETHER: Final = Band(high=0.005)
 
 #: Means by signal, step by step.

@@ -84,7 +84,7 @@ def take_pose(run: Run, home: Home, *, shear: float = 0.0, roll: float = 0.0, he
 
 
 _READ: Final = (*POSE_SIGNALS, *VERTICAL_CELLS, *SHEAR_CELLS, *PRESSURES, *BELLOWS_TEMPERATURES)
-#: What it takes to come to a pose and to read it.
+#: Signals and dimensions for moving to a pose and reading it.
 POSING: Final = (
     *_READ,
     *HELD_SIDEWAYS,
@@ -95,7 +95,7 @@ POSING: Final = (
     *lags(BELLOWS_TEMPERATURES),
 )
 READ_OVER: Final = 2 * s
-#: So many samples such a mean has at least.
+#: Smallest number of samples of such a mean.
 POSE_SAMPLES: Final = 20
 
 
@@ -106,12 +106,12 @@ class PoseReading:
     shear: float
     height: float
     roll: float
-    stop_travel: float  #: what the bump stop sees
+    stop_travel: float  #: travel at the bump stop
     pressure: float  #: gauge, of the bellows
     temperature: float  #: of the gas in the bellows
     vertical: float  #: force on the spring, downward
     lateral: float  #: force that the spring opposes to its shear
-    read: Mapping[str, float]  #: of what it was computed: means by signal, temperatures as they were
+    read: Mapping[str, float]  #: source of the results: means by signal, temperatures as read
 
 
 def read_pose(run: Run, over: float = READ_OVER) -> PoseReading:

@@ -27,7 +27,7 @@ ROLL_SHEAR: Final = 20 * mm
 ROLL_FREQUENCY: Final = 1 * Hz
 ROLL_AMPLITUDE: Final = 5 * mm
 SAME_ROLL: Final = 0.001 * rad
-#: Friction remembers how the springs came to y = +20 mm, for some cycles.
+#: Friction depends on how the springs reached y = +20 mm, for some cycles.
 ROLL_CENTRING: Final = 10 * s
 #: What the gas was squeezed by warms it; without its heat the lower spring under AW3 stays below what its actuator can.
 COOL_BEFORE_LAST: Final = 20 * s

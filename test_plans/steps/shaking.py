@@ -64,9 +64,9 @@ TRIES: Final = 3
 #: Signals read while an axis is shaken, as far as the rig has them, in addition to its load cells.
 VERTICAL: Final = (*HEIGHTS, *(f"vertical_{side}.force" for side in SIDES), *GENERATOR)
 LATERAL: Final = ("lateral.displacement", *GENERATOR)
-#: What moves with an axis.
+#: Readings that move with an axis.
 MOTION: Final = {"vertical": HEIGHTS, "lateral": ("lateral.displacement",)}
-#: What a lateral stiffness needs.
+#: Signals and dimensions for a lateral stiffness.
 LATERAL_NEEDS: Final = (
     *LATERAL,
     *SHEAR_CELLS,

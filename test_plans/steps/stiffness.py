@@ -85,7 +85,7 @@ LATERAL_DAMPING: Final = CheckName(
 )
 VERTICAL_SINES: Final = (VERTICAL_STORAGE, VERTICAL_DAMPING)
 LATERAL_SINES: Final = (LATERAL_STORAGE, LATERAL_DAMPING)
-#: What loops and sweeps check.
+#: Checks of loops and sweeps.
 STIFFNESS: Final = (
     VERTICAL_SECANT["slow"],
     *VERTICAL_SINES,

@@ -18,9 +18,9 @@ Rig = Mapping[str, float]
 
 #: The file states the lateral damping over the amplitude at this frequency.
 SLOW: Final = 0.5 * Hz
-#: Stiffness and amplitude of the track's motion depend on each other: they are found in turn, so often.
+#: Number of iterations: stiffness and amplitude of the track's motion depend on each other.
 TURNS: Final = 12
-#: Beyond the limits of the file the stiffness stays what it was there, up to this way.
+#: Beyond the limits of the file the stiffness is constant, up to this travel (m).
 FARTHEST: Final = 1000 * mm
 GUST: Final = "crosswind_gust.stiffness"
 ROLL_STIFFNESS: Final = "crosswind_and_track.roll_stiffness"

@@ -53,11 +53,11 @@ TRACK_CYCLES: Final = 3
 ROLL_RATE: Final = 20 * kN / s
 ROLL_WAIT: Final = 1.5 * s
 ROLL_AVERAGE: Final = 0.5 * s
-#: So many samples such a mean has at least.
+#: Smallest number of samples of such a mean.
 AVERAGED: Final = 5
-#: Ratio of what two transducers see of one roll, next to their uncertainty.
+#: Tolerance of the ratio of two readings of one roll, in addition to their uncertainty.
 ALIKE: Final = 0.01
-#: How well the stiffness of springs shows how far apart they stand: the gas is warmer in a slow roll than in a loop.
+#: Uncertainty of the spacing from the stiffness of springs: the gas is warmer in a slow roll than in a loop.
 SPACING_WITHIN: Final = 0.04
 #: Least share of the stiffness that the gas has where no air passes between the springs.
 TIGHT_SHARE: Final = 0.5

@@ -43,10 +43,10 @@ if TYPE_CHECKING:
     from test_plans.run import Run
 
 SAMPLE_RATE: Final = 200 * Hz
-#: A wave is measured after so long at full amplitude, and for so long, but never less than whole cycles.
+#: Time at full amplitude before a measurement, and its duration, at least; both are whole cycles.
 LEAD: Final = 0.5 * s
 MEASURED: Final = 1.0 * s
-#: The generator's count of cycles comes at 50 Hz: so much later a cycle may seem to begin.
+#: The generator's count of cycles is sent at 50 Hz: a cycle may appear to begin later by this time.
 COUNT_LATE: Final = 0.04 * s
 #: Above this frequency the accelerometer measures the bolster better than the piston behind oil and frame does.
 SEISMIC: Final = 3 * Hz
@@ -54,7 +54,7 @@ SEISMIC: Final = 3 * Hz
 _ACCELEROMETER: Final = "lateral.acceleration"
 _LATERAL: Final = (*POSE_SIGNALS, _ACCELEROMETER, *PRESSURES)
 _VERTICAL: Final = (*HEIGHTS, *PRESSURES, *BELLOWS_TEMPERATURES)
-#: What sines on one axis need.
+#: Signals and dimensions for sines on one axis.
 SLOW_LATERAL_WAVES: Final = (  #: below `SEISMIC`
     *(name for name in _LATERAL if name != _ACCELEROMETER),
     *SHEAR_CELLS,
@@ -128,7 +128,7 @@ def _once(
     before = max(1, ceil(lead * frequency))
     count = max(1 if frequency < 0.3 else 2, ceil(measured * frequency))
     cycles = before + count + ceil(COUNT_LATE * frequency)
-    cycles += 1 if frequency > 1 / LEAD else 0  # what fades out must not come near
+    cycles += 1 if frequency > 1 / LEAD else 0  # the fade-out must not be included
     names = _VERTICAL if axis == "vertical" else _LATERAL
     names = (*names, *LOADED[axis](run.rig))
     with run.bench.capture(*(name for name in names if run.bench.has(name)), *GENERATOR) as capture:
@@ -170,7 +170,7 @@ def lateral_stiffness(times: Samples, rig: Rig, values: Values, frequency: float
         pinned -= of("lateral.force") / rig["lateral_frame_stiffness"]
         X = pinned + (rig["centre_height"] + rig["lateral_actuator_height"]) * roll
     else:
-        # It reads ÿ + gφ − hφ̈: its axis leans with the bolster, and it stands h above the centre.
+        # It reads ÿ + gφ − hφ̈: its axis leans with the bolster, and it is h above the centre.
         centre = (rig["gravity"] * roll - of(_ACCELEROMETER)) / (tau * frequency) ** 2
         centre += rig["accelerometer_height"] * roll
         X = centre + rig["centre_height"] * roll

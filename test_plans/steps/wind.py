@@ -37,7 +37,7 @@ GUST_FACTOR: Final = 1.6946
 GUST_LENGTH: Final = 12.0 * m
 TURBULENCE: Final = 0.15
 LENGTH_SCALE: Final = 100.0 * m
-#: The mean wind comes and goes so slowly that nothing swings.
+#: The mean wind rises and falls so slowly that nothing swings.
 RISE: Final = 4.0 * s
 STEP: Final = 0.01 * s
 

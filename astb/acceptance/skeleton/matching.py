@@ -54,7 +54,7 @@ _SLOTS: Final = (
 _FILLERS: Final = frozenset(
     {"is", "are", "the", "of", "in", "stop", "load", "rig", "nominal", "diameter", "at", "spring", "feder"}
 )
-#: Words of settings: a writable point with one of them is no reading.
+#: Words of settings: a writable point with one of them is not a reading.
 _SAID_TO_IT: Final = frozenset({"setpoint", "target"})
 #: Words that a unit implies.
 _BY_UNIT: Final = {"Pa": "pressure", "K": "temperature"}

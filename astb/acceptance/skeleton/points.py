@@ -29,7 +29,7 @@ class DescribedPoint:
     line: str = ""  #: of ``[transports.NAME.points]``
     nulls: Mapping[int, str] = field(
         default_factory=dict
-    )  #: raw values that are no measurement, with their names
+    )  #: raw values that are not measurements, with their names
     absolute: bool = False  #: an absolute pressure, where ours are gauge pressures
 
 

@@ -17,7 +17,7 @@ from bench_sim.model.step_start import begin
 
 #: Working rows: four slopes and a state, and the inputs of the model.
 ROWS: Final = 6
-#: Behind the algebraic quantities stands what ideal sensors read (`Sensor`).
+#: The algebraic quantities are followed by the readings of ideal sensors (`Sensor`).
 OUTPUTS: Final = ALGEBRAICS + SENSORS
 
 

@@ -20,7 +20,7 @@ CAR: Final = np.dtype(
         ("spring_half_spacing", "<f8"),  # m
     ]
 )
-#: It remembers nothing else.
+#: It has no other memory.
 NOTHING: Final = np.dtype([("nothing", "<f8")])
 ROWS: Final = 1
 
@@ -37,7 +37,7 @@ class Force(IntEnum):
 class CarOutput(IntEnum):
     """The outputs; displacements are followed by their speeds and accelerations."""
 
-    HEIGHT = 0  #: of the springs, left and right, and how far they are sheared
+    HEIGHT = 0  #: of the springs, left and right, and their shear
     HEIGHT_SPEED = 3
     HEIGHT_ACCELERATION = 6
     SHEAR = 9  #: again, and as the car has both springs together

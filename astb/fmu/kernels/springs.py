@@ -16,7 +16,7 @@ from bench_sim.model.runge_kutta import integrate, step_scheme
 from bench_sim.model.spring import resting_gauge
 from bench_sim.model.step_start import begin
 
-#: Displacements of a motion; their speeds and accelerations stand behind them.
+#: Displacements of a motion; their speeds and accelerations follow them.
 WAYS: Final = 3
 
 
@@ -99,7 +99,7 @@ def _jump(x: Any, mem: Any, u: Any, par: Any, given: Any, work: Any, out: Any) -
     for i in range(SIDES):
         begun[i] = out[Algebraic.VOLUME + i]
         begun[SIDES + i] = x[State.BELLOWS_ENERGY + i]
-    for _ in range(_JUMP_ROUNDS):  # the emergency spring gives way to what the gas becomes
+    for _ in range(_JUMP_ROUNDS):  # the emergency spring yields to the new force of the gas
         driven_springs(0.0, x, mem, u, par, given, work[0], out)
         for i in range(SIDES):
             squeezed = begun[i] / out[Algebraic.VOLUME + i]

@@ -32,7 +32,7 @@ CODE: Final = Code(
     motions=0,
     outputs=OUTPUTS,
     rows=ROWS,
-    # The sensors' part of the memory stands last.
+    # The sensors' part of the memory is last.
     remembered=offset(MEMORY, "sensor_output"),
     checks="gas.c",
 )

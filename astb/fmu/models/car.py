@@ -43,7 +43,7 @@ CODE: Final = Code(
     remembered=NOTHING.itemsize,
     checks="car.c",
 )
-#: What it takes of the parameters of springs.
+#: The parameters of springs that it uses.
 _OF_BENCH: Final = ("gravity", "spring_half_spacing")
 _OWN: Final = tuple(one for one in CAR_QUANTITIES if one.name in (CAR.names or ()))
 _SHARED: Final = tuple(one for one in PLANT_QUANTITIES if one.name in _OF_BENCH)

@@ -91,7 +91,7 @@ CODE: Final = Code(
     motions=len(MOTIONS),
     outputs=OUTPUTS,
     rows=ROWS,
-    # The springs' part of the memory stands before that of actuators and sensors.
+    # The springs' part of the memory precedes that of actuators and sensors.
     remembered=offset(MEMORY, "mode"),
     checks="gas.c",
 )

@@ -69,7 +69,7 @@ class Lane(_Rows):
     TRY_Y = auto()
     STEP_Z = auto()  #: m from there
     STEP_Y = auto()
-    MOVING = auto()  #: 1 while Newton's method goes on, then 0
+    MOVING = auto()  #: 1 while Newton's method iterates, then 0
     NOTED_Z = auto()  #: where the step began, with speed and half the acceleration
     NOTED_Y = auto()
     NOTED_Z_SPEED = auto()
@@ -125,7 +125,7 @@ class Lane(_Rows):
     CHANGED = auto()  #: sums of how much it differed from the one before, at each of three stages
     CHANGED_2 = auto()
     CHANGED_3 = auto()
-    # what the spring is made of
+    # properties of the spring
     V_0 = auto()
     A_0 = auto()  #: without pressure
     A_1 = auto()

@@ -74,7 +74,7 @@ class Course(NamedTuple):
     step: float  #: s
     places: NDArray[np.float64]  #: (2 rows − 1, 4) every half step: ζ and its speed, y and its speed
     valves: NDArray[np.float64]  #: (rows, GIVEN) values during each step, from `Lane.OPENING` on
-    fed: bool  #: whether air comes from elsewhere, or goes there, at any time
+    fed: bool  #: whether air enters or leaves the springs at any time
 
 
 @dataclass(frozen=True, slots=True, eq=False)

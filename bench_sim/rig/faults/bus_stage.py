@@ -173,7 +173,7 @@ class Babble(FrameFault):
         if count:
             block = np.repeat(self._frame, count)
             block["time"] = begun + self._period * np.arange(count)
-            # After a pause of the whole process it does not make up for what it has missed.
+            # After a pause of the whole process it skips the missed frames.
             self._next = max(begun + self._period * count, now - _BABBLED_AT_ONCE * self._period)
             yield block, BABBLER
 

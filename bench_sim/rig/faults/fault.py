@@ -93,7 +93,7 @@ class FaultNumber:
             value = read_value(self.name, text, si)
         except ParameterError as error:
             raise FaultError(str(error)) from None
-        # As people write it: 0.3 bar is not exactly 0.3 times 100 000 Pa.
+        # In the unit of the text: 0.3 bar is not exactly 0.3 times 100 000 Pa.
         slack = 1e-12 * max(abs(low), abs(high)) * factor
         if not low * factor - slack <= value <= high * factor + slack:
             raise FaultError(f"{self.name} = {text} is outside {self.span_for(sensor)}")
@@ -136,11 +136,11 @@ class Fault:
     name: str
     place: FaultPlace
     title: str  #: one sentence that describes the fault
-    seen: str  #: one sentence: what a driver sees
+    seen: str  #: one sentence: the effect for a driver
     begin: Begin
     parameters: tuple[FaultNumber | FaultChoice, ...] = ()
     target: str = ""
-    lasts: float | None = None  #: s, where no one says for how long it is on
+    lasts: float | None = None  #: s, if no duration is given
 
     def read(self, given: Mapping[str, Any]) -> dict[str, Any]:
         """Return all values (SI, choices as texts) from texts with units, such as ``{"area": "2 mm2"}``.

@@ -14,7 +14,7 @@ _JUNK_MAX: Final = 64
 
 #: Answers a request (ADU) of a peer; no bytes are silence.
 Answer = Callable[[bytes, str], bytes]
-#: A piece of an answer and how long (s) after the one before it leaves.
+#: A piece of an answer, and its delay (s) after the previous one.
 Piece = tuple[float, bytes]
 
 

@@ -144,7 +144,7 @@ def fit(
             if descent.damping > 0.0:
                 if descent.renewed():
                     continue
-                # No step is short enough: the model is rougher than its differences. As good as it gets.
+                # No step is short enough, because the model is rougher than its differences; the fit is final.
                 converged = at.predicted_decrease(at.step()) < max(ROUGH_OPTIMUM, tolerance)
                 break
             if descent.source >= ColumnSource.FRESH or not refresh:

@@ -110,7 +110,7 @@ class Replay:
         third, fourth = (self.differences(base, chosen(half, wanted, spoilt)) for half in halves)
 
         def mean(mine: Sequence[bool], again: NDArray[np.bool_]) -> Columns:
-            # All four are as large as their mean: those of each run go as it is made.
+            # All four are as large as their mean, so those of each run are freed when it is added.
             parts = [columns.pop(0) for columns in (first, second, third, fourth)]
             half = 0.5 * np.array(mine)
             return steady(parts, np.array((1.0 - half, half, 0.0 * half, 0.0 * half)), again, errors)

@@ -24,7 +24,7 @@ from diagnosis.systems.system import System, SystemSetting, SystemSignal
 #: A replay begins with these pressures.
 _BEGIN: Final = ("left.bellows_pressure", "right.bellows_pressure")
 _VALVES: Final = ("left.leveling", "right.leveling", "left.reservoir", "right.reservoir", "dpv")
-#: Heights and platform: what must not move at rest.
+#: Heights and platform, which must not move at rest.
 _PLACES: Final = (
     *BY_GROUP[Group.HEIGHT],
     *BY_GROUP[Group.PLATFORM_DISPLACEMENT],
@@ -32,7 +32,7 @@ _PLACES: Final = (
 )
 #: Slower than this (m/s, rad/s) for half a second is rest.
 _REST_SPEED: Final = 0.2e-3
-#: Where a run begins is read from the median of so many samples.
+#: Number of samples whose median gives the start of a run.
 _FIRST: Final = 5
 
 

@@ -36,14 +36,14 @@ from diagnosis.systems.motion import SENSORS, binned, sheared
 
 #: Memories in s at which the past is reported, half a decade apart.
 MEMORIES: Final = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0)
-#: Readings are averaged over so many seconds: no memory is shorter.
+#: Averaging time (s) of readings: no memory is shorter.
 _MEAN: Final = 1.0
 #: Where it ends, over so many: a run begins at rest.
 _NOW: Final = 0.1
 #: A dash-pot as fast as this (s) is at the place of its bellows when a run begins. Settings exist for the slower
 #: `MEMORIES`.
 _AT_ONCE: Final = 0.3
-#: What dash-pots follow: the bellows of both sides, and the shear of both.
+#: Motions that dash-pots follow: the bellows of both sides, and the shear of both.
 SHEAR: Final = "shear"
 
 

@@ -81,7 +81,7 @@ def unknowns(parameters: Parameters) -> tuple[Nuisance, ...]:
     )
 
 
-#: What the shape of a bellows is made of, in the order of `shape`: of its side, then of both.
+#: Parameters of the shape of a bellows, in the order of `shape`: of its side, then of both.
 _OWN: Final = ("effective_area", "effective_area_slope", "bellows_volume")
 _SHARED: Final = ("membrane_length", "membrane_length_slope", "membrane_travel")
 

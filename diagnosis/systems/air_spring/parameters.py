@@ -38,7 +38,7 @@ VALVES: Final[Mapping[str, float]] = MappingProxyType({"fill_conductance": 0.05,
 LEVER: Final = "lever_offset"
 LEVER_ADJUSTMENT: Final = 0.5e-3
 _OF_VALVES: Final = frozenset({*VALVES, LEVER})
-#: The signal of the gauge whose zero is one more thing that is not known of what the valves let in.
+#: The signal of the gauge whose unknown zero adds to the uncertainty of the air that the valves let in.
 SUPPLY: Final = "supply.pressure"
 #: How well the gas is known where a run begins, from the first second of its rest: the end of a line through a hundred
 #: readings, to 40 Pa where noise is white and 150 Pa where it remembers with 0.9, and what thermometers miss.
@@ -66,7 +66,7 @@ AUXILIARY: Final = ("left.auxiliary", "right.auxiliary")
 CHAMBERS: Final = ("left.bellows", "right.bellows", *AUXILIARY)
 
 #: Steps of finite differences, in standard deviations and typical sizes. Where friction turns depends on its history,
-#: and a reversal that comes or goes is a jump: the larger the step, the less it counts.
+#: and a reversal that appears or disappears is a jump: the larger the step, the smaller its effect.
 _STEP: Final = 0.1
 _SIDES: Final = bench.PLACES
 _UNITS: Final = {quantity.name: quantity.unit for quantity in QUANTITIES}

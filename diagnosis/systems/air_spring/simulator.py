@@ -82,7 +82,7 @@ OUTPUTS: Final[Mapping[str, Sensor]] = {
         *BY_GROUP[Group.TEMPERATURE],
     )
 }
-#: Unit in which people read errors of a channel, by its SI unit.
+#: Display unit of the errors of a channel, by its SI unit.
 _DISPLAYED: Final = {"Pa": "mbar", "N": "N", "m": "mm", "K": "K"}
 #: Nuisances that shift a reading, by a constant or in proportion to the speed, and need no simulation.
 _SHIFTS: Final = (".offset", SEAT, DRAG)

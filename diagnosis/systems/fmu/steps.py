@@ -17,7 +17,7 @@ _COARSE: Final = 0.25
 _BIASED: Final = 0.5
 #: An error of second order in the step is four thirds of the change by half the step.
 _WHOLE_ERROR: Final = 4.0 / 3.0
-#: Of its spread a number is moved by so much to see what it does.
+#: Step of a number for its sensitivity, as a part of its spread.
 _MOVED: Final = 0.1
 
 

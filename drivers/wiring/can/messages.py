@@ -36,9 +36,7 @@ _STALE_MIN: Final = 100 * ms
 def read_messages(
     where: str, table: Mapping[str, Any], directory: Path, functions: Path | None, stale: float | None
 ) -> dict[str, Message]:
-    """Return the messages of a description by name. Raises WiringError, which begins with ``where``, for an invalid
-    one.
-    """
+    """Return the messages by name. Raises WiringError, which begins with ``where``, for an invalid description."""
     tables = dict(table.get("messages", {}))
     common = convert(f'{where}.messages."{_ALL}"', tables.pop(_ALL, {}), CommonKeys)
     keys = {name: convert(f"{where}.messages.{name}", one, MessageKeys) for name, one in tables.items()}

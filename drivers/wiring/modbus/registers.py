@@ -39,7 +39,7 @@ _FORMATS: Final = {
     "uint64": ("Q", 4),
     "float64": ("d", 4),
 }
-#: A device that takes so many registers takes so many bits for each.
+#: Number of bits that a device accepts for each register that it accepts.
 BITS_PER_REGISTER: Final = 16
 _SINGLE_MAX: Final = (2.0 - 2.0**-23) * 2.0**127
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_.]*")

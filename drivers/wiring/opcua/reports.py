@@ -48,7 +48,7 @@ class Reports:
             now()
         )  # ns, of the last notification, and of the last one handed on
         self._subscription: WatchedSubscription | None = None
-        self._ended = False  # the server says so
+        self._ended = False  # by its status message
         self._drops, self._missing = (
             0,
             0.0,
@@ -196,7 +196,7 @@ class WatchedSubscription:
         )
         self._take = self._subscription.publish_callback
         self._subscription.publish_callback = self._publish
-        self.period = period  #: s, how often the server publishes where nothing changes, as it says itself
+        self.period = period  #: s, interval of publications without changes, as revised by the server
 
     async def create(self) -> None:
         """Create the subscription on the server."""

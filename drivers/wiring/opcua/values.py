@@ -11,7 +11,7 @@ from typing import Annotated, Any, Final
 import msgspec
 from msgspec import Meta
 
-#: Status codes with which a value never comes, in words.
+#: Status codes with which a value never arrives, as text.
 NEVER: Final = {
     "BadNodeIdUnknown": "the server has no such node",
     "BadNodeIdInvalid": "the server has no such node",
