@@ -136,7 +136,7 @@ def render(finding: Finding, history: InvestigationHistory | None = None) -> str
     lines = (element("dt", label) + element("dd", prose(text)) for label, text in first_screen(finding))
     shows_proof = finding.models.effects and finding.traces and not finding.suspected
     head = (
-        bullets((_DOUBTFUL + prose(one) for one in finding.doubts), "told doubtful"),
+        bullets((_DOUBTFUL + prose(one) for one in finding.doubts), "told"),
         bullets(map(prose, finding.readings), "told"),
         Banner(
             "suspected" if finding.suspected else finding.verdict.value,
