@@ -96,7 +96,9 @@ def _cycles(frequency: float) -> int:
 
 
 def _shut(experiment: Experiment) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Return where (n,) the leveling valves are shut and the auxiliary chambers connected."""
+    """Return a mask (n,) of the samples at which the leveling valves are shut and the auxiliary chambers are
+    connected.
+    """
     inputs, nothing = experiment.inputs, np.zeros(len(experiment.time))
     return np.all(
         [

@@ -28,7 +28,7 @@ def source_of(identifier: int) -> int:
 
 
 def missing(raw: int, bits: int) -> Literal["", "not available", "error"]:
-    """Return what the bits of an unsigned signal mean if they are not a value; "" if they are one.
+    """Return the meaning of the bits of an unsigned signal if they are not a value; "" if they are one.
 
     SAE J1939-71, 5.1.4: for whole bytes the highest one decides (FE, FF), for twelve bits the highest eight. For two to
     seven bits, ten, and so on, all ones mean not available, and one less an error. A single bit is always a value.

@@ -171,7 +171,7 @@ class MeasuredRun:
 
     @property
     def counted(self) -> NDArray[np.bool_]:
-        """Which samples (n, c) count: measured and scored."""
+        """A mask of the samples (n, c) that count: measured and scored."""
         counted: NDArray[np.bool_] = self.scored[:, None] & np.isfinite(self.outputs)
         return counted
 
@@ -327,7 +327,9 @@ class CompleteSimulator:
         return {}
 
     def counted(self, experiment: Experiment, outputs: Array) -> NDArray[np.bool_]:
-        """Return which samples (n, c) of a planned experiment would count in a record with these ``outputs``."""
+        """Return a mask of the samples (n, c) of a planned experiment that would count in a record with these
+        ``outputs``.
+        """
         return np.ones(outputs.shape, np.bool_)
 
     def parity(self, experiment: Experiment, outputs: Array) -> Mapping[str, Array]:

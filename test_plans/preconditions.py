@@ -58,7 +58,9 @@ class Precondition:
 
 
 def supply(at_least: float) -> Precondition:
-    """Return the precondition that the air supply has a pressure (Pa gauge), behind the main valve."""
+    """Return the precondition that the air supply has at least the pressure ``at_least`` (Pa gauge), behind the main
+    valve.
+    """
 
     def look(run: Run) -> ConditionResult:
         if lacking := run.bench.lacks("supply.pressure"):

@@ -276,7 +276,7 @@ def refuse_settings(plan: str, settings: Mapping[str, str]) -> None:
 
 
 def _conclusion(record: Path, out: Path) -> dict[str, Any]:
-    """Return what the page shows of a finished run; its report can be opened if it is in ``out``."""
+    """Return the content of the page for a finished run; its report can be opened if it is in ``out``."""
     try:
         result = read_result(record)
     except RecordError as error:

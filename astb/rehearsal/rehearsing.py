@@ -45,7 +45,7 @@ _OUR_WIRES: Final = ("control.", "lease.")
 
 
 class LimitMargin(msgspec.Struct, frozen=True):
-    """How close a plan came to one limit; SI, with ``judged`` and ``margin`` in the limit's own quantity."""
+    """The smallest margin of a plan to one limit; SI, with ``judged`` and ``margin`` in the limit's own quantity."""
 
     signal: str
     kind: str

@@ -19,7 +19,7 @@ _ENDS: Final = (LimitKind.LOWER, LimitKind.UPPER)
 
 
 class Closest(NamedTuple):
-    """How close a limit came to tripping; ``judged`` is compared with ``at``, both SI and in the limit's own
+    """The smallest margin of a limit to tripping; ``judged`` is compared with ``at``, both SI and in the limit's own
     quantity.
     """
 
@@ -73,7 +73,7 @@ class LimitWatch:
         return blocks[0] if len(blocks) == 1 else join(blocks)
 
     def closest(self) -> list[Closest]:
-        """Return for every limit how close it came."""
+        """Return the smallest margin of every limit."""
         self._sum_up()
         place = np.isin([limit.kind for limit in self._limits], _ENDS)
         rest = np.where(place, self._rest, 0.0)

@@ -28,8 +28,8 @@ class Lease:
     """The lease of one rig, in the tick's ``controls`` and the signals in ``values`` (SI, by table row).
 
     A lease is granted to a Modbus connection, and ends with this connection. Or it is granted to a CAN connection on
-    request, and ends when this is silent or closed. The holder has at most one connection on each bus. Each is
-    identified by its name, never by a port or by a token that other clients can read:
+    request, and ends when that connection is silent or closed. The holder has at most one connection on each bus. Each
+    is identified by its name, never by a port or by a token that other clients can read:
 
     * Granted on Modbus: the token is returned on that connection alone. The first CAN connection that commands with it
       is the holder's. When that one is closed, another token is drawn.

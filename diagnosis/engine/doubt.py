@@ -152,6 +152,8 @@ def _superfluous(
 
 
 def _predicts(surface: FittedModel, neither: Point, select: Sequence[MeasuredRun]) -> bool:
-    """Return whether a fitted surface, as fitted, predicts the select runs better than a model without it."""
+    """Return whether a surface, with its fitted coefficients, predicts the select runs better than a model without
+    it.
+    """
     nothing = fit(surface.replay, surface.noise, neither, surface.linearisation)
     return predict(surface, select, fixed=True).lpd > predict(nothing, select, fixed=True).lpd

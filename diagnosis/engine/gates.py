@@ -43,7 +43,7 @@ from diagnosis.estimates import percent
 
 
 def unfit(model: FittedModel, base: FittedModel) -> str:
-    """Return why a fit with one more effect is no explanation, as a clause; "" if it may be one."""
+    """Return why a fit with one more effect is not an explanation, as a clause; "" if it may be one."""
     gap = model.bic - base.bic
     if not gap < 0.0:
         return f"BIC is worse by {gap:.1f}" if model.converged else "another candidate is far better"
@@ -68,7 +68,7 @@ def useless(
 
 
 def unphysical(model: FittedModel, base: FittedModel) -> str:
-    """Return what is unphysical in a fit and was not in that of ``base``; "" if nothing.
+    """Return a clause on an unphysical result of a fit that the fit of ``base`` does not have; "" if nothing.
 
     A number of any effect is unphysical if the data push it out of its range, because a new effect must not make
     another one impossible. A base parameter is unphysical if it moves further from its prior.

@@ -100,7 +100,9 @@ def _distance(first: FittedModel, second: FittedModel, runs: Mapping[FittedModel
 
 
 def _forecasts(runs: Mapping[FittedModel, MeasuredRun]) -> dict[FittedModel, _Forecast]:
-    """Return how well each model predicts its run. Models with the same noise share the columns of their nuisances."""
+    """Return the prediction of each model for its run. Models with the same noise share the columns of their
+    nuisances.
+    """
     forecasts: dict[FittedModel, _Forecast] = {}
     for model, run in runs.items():
         known = next(

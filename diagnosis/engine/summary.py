@@ -144,7 +144,7 @@ def _claimed(one: Cause) -> str:
 
 
 def _imitated(imitations: Sequence[Imitation], *, many: bool) -> str:
-    """Return how far the base model must move from its prior without the causes, as the end of a sentence."""
+    """Return the distance of the base model from its prior without the causes, as the end of a sentence."""
     if not imitations:
         return ""
     one = imitations[0]

@@ -34,7 +34,8 @@ _SEEN_BY: Final = {
 def counted_if_recorded(
     experiment: Experiment, outputs: Array, channels: Sequence[Channel], par: Any
 ) -> NDArray[np.bool_]:
-    """Return which samples (n, c) would count in the record of a planned experiment with these ``outputs``.
+    """Return a mask of the samples (n, c) that would count in the record of a planned experiment with these
+    ``outputs``.
 
     The bench's accelerometer measures the lateral acceleration. The setting ``conditioned`` is the time (s of the
     experiment) when friction no longer depends on the history.
@@ -63,7 +64,8 @@ def counted_if_recorded(
 def undetermined_forces(
     inputs: Mapping[str, Array], par: Any, lateral: NDArray[np.bool_] | None = None
 ) -> dict[str, NDArray[np.bool_]]:
-    """Return where (n,) actuator forces do not determine the forces of the springs, by channel.
+    """Return a mask of the samples (n,) at which actuator forces do not determine the forces of the springs, by
+    channel.
 
     There the acceleration of the bolster is not known well enough. ``lateral`` is where no accelerometer measures the
     lateral one; None without an accelerometer.

@@ -188,7 +188,7 @@ def in_step(left: Array, motion: Array, step: float, noise: float) -> Array:
 
 
 def abrupt(motion: Array, noise: float) -> NDArray[np.bool_]:
-    """Return where a smooth ``motion`` (n,) reverses so fast that its acceleration is not known well enough.
+    """Return a mask of the samples at which a smooth ``motion`` (n,) reverses too fast for an accurate acceleration.
 
     There its third difference exceeds a tenth of the ``noise`` of the sensor, and the smoothing passes more than 13 Hz.
     The part of a noise of 10 µm that passes too is an acceleration of 10 mm/s², a quarter of the noise of a load cell.
@@ -198,7 +198,8 @@ def abrupt(motion: Array, noise: float) -> NDArray[np.bool_]:
 
 
 def sudden(acceleration: Array, noise: float) -> NDArray[np.bool_]:
-    """Return where the ``acceleration`` (n,) of an accelerometer changes too fast to be interpolated.
+    """Return a mask of the samples at which the ``acceleration`` (n,) of an accelerometer changes too fast to be
+    interpolated.
 
     There the error of a cubic through four samples, half-way between two of them, exceeds the ``noise`` of the sensor:
     it is 3/128 of the fourth difference. The spline of a replay is better for waves, and no better for steps.
@@ -258,7 +259,7 @@ def _whittaker(values: Array, known: NDArray[np.bool_], ratio: Array) -> Array:
 
 
 def binned(times: Array, values: Array, edges: Array) -> tuple[Array, Array]:
-    """Return how many of sorted samples (m,) lie between edges (n + 1,), and their sum, both (n,)."""
+    """Return number and sum, both (n,), of sorted samples (m,) between edges (n + 1,)."""
     places = np.searchsorted(times, edges)
     count = np.diff(places).astype(np.float64)
     sums = np.add.reduceat(np.append(values[: places[-1]], 0.0), places[:-1])

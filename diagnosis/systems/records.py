@@ -274,7 +274,8 @@ def _without_frame_dampers(
 def _lateral_acceleration_is_unknown(
     record: Record, grid: Array, inputs: Mapping[str, Array], par: Any
 ) -> NDArray[np.bool_] | None:
-    """Return where (n,) the accelerometer does not show the acceleration of the bolster; None if it never does.
+    """Return a mask of the samples (n,) at which the accelerometer does not show the acceleration of the bolster; None
+    if it never does.
 
     The acceleration is unknown in gaps. An accelerometer that reads only noise may have failed while the bolster moves.
     """
@@ -301,7 +302,7 @@ def _grid(record: Record, phase: Phase) -> Array:
 
 
 def _switched_on(record: Record, time: float) -> float:
-    """Return how long (s) the bench had been on at a ``time`` of the record (s), from its tick counter."""
+    """Return the time (s) since the bench was switched on, at a ``time`` of the record (s), from its tick counter."""
     times, ticks = record.series("rig.tick") if "rig.tick" in record.signals else (np.empty(0), np.empty(0))
     return time + (float(np.median(ticks * TICK - times)) if len(times) else 0.0)
 
@@ -402,12 +403,14 @@ class SettingsOfRecord:
         return found
 
     def predictable(self, grid: Array) -> NDArray[np.bool_]:
-        """Return where (n,) the air has been known since the start without interruption."""
+        """Return a mask of the samples (n,) at which the air has been known since the start without interruption."""
         known: NDArray[np.bool_] = np.logical_and.accumulate(self.air_known(grid))
         return known
 
     def air_known(self, grid: Array) -> NDArray[np.bool_]:
-        """Return where (n,) no service valve was open. The bus does not report how far they open."""
+        """Return a mask of the samples (n,) at which no service valve was open. The bus does not report how far they
+        open.
+        """
         unknown = np.zeros(len(grid), np.bool_)
         for side in SIDES:
             unknown |= np.isin(self._over(f"air.{side}_mode", grid, "hold"), AIR_MODES[2:])

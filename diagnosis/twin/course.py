@@ -218,7 +218,7 @@ def _causes(deviation: Deviation) -> tuple[str, str]:
 
 
 def _next(deviation: Deviation, catalogue: Mapping[str, Hypothesis]) -> str:
-    """Return what to inspect and which run to do next."""
+    """Return the part to inspect and the run to do next."""
     if not deviation.lasts:
         return "No inspection is necessary while the rig agrees with its model."
     names = [one.name for one in (*deviation.causes, *(one for pair in deviation.pairs for one in pair))]

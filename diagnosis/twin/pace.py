@@ -39,7 +39,7 @@ class Pace:
         return max(0.5 * (BEHIND - 3.0 * looked), _LEAST * looked)
 
     def next(self) -> float:
-        """Return when the next look may begin. Processor time from now on counts for that look."""
+        """Return the earliest time of the next look. Processor time from now on counts for that look."""
         used = self._used()
         spent, self._counted = used - self._counted, used
         return self._began + max(EVERY, 2.0 * spent)

@@ -197,7 +197,9 @@ def _sums(record: Record, name: str, grid: Array) -> tuple[Array, Array]:
 
 
 def resting(record: Record, grid: Array) -> NDArray[np.bool_]:
-    """Return where (n,) all displacements are constant within half a second before and after, without oscillation."""
+    """Return a mask of the samples (n,) at which all displacements are constant within half a second before and after,
+    without oscillation.
+    """
     reach = round(_STILL / STEP)
     still = np.ones(len(grid), np.bool_)
     for name in SENSORS:
@@ -227,7 +229,9 @@ def _scatter(record: Record, name: str, grid: Array, reach: int) -> Array:
 
 
 def _warming(record: Record, grid: Array) -> NDArray[np.bool_]:
-    """Return where (n,) the gas is far from thermal equilibrium, and steps shortly before and after."""
+    """Return a mask of the samples (n,) at which the gas is far from thermal equilibrium, and steps shortly before and
+    after.
+    """
     reach = round(REST / STEP)
     going = np.zeros(len(grid), np.bool_)
     for name in BY_GROUP[Group.TEMPERATURE]:
@@ -238,7 +242,7 @@ def _warming(record: Record, grid: Array) -> NDArray[np.bool_]:
 
 
 def _nearby(flags: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
-    """Return where (n,) a flag is set within ``reach`` steps."""
+    """Return a mask of the samples (n,) at which a flag is set within ``reach`` steps."""
     return np.asarray(sliding_window_view(np.pad(flags, reach), 2 * reach + 1).any(axis=1))
 
 

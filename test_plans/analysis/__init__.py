@@ -252,7 +252,7 @@ def whole_cycles(
     count: int,
     frequency: float,
 ) -> npt.NDArray[np.bool_]:
-    """Return which samples belong to ``count`` whole cycles from the start of cycle ``first`` on.
+    """Return a mask of the samples that belong to ``count`` whole cycles from the start of cycle ``first`` on.
 
     ``cycle`` is the sampled number of cycles that the generator has completed. ``running`` states when it runs: before,
     ``cycle`` belongs to the previous program. Raises NotMeasured if the generator never completed ``first`` cycles, or

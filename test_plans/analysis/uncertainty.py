@@ -294,7 +294,7 @@ class _Noise(NamedTuple):
 
     @property
     def numbers(self) -> int:
-        """How many random numbers one draw takes."""
+        """The number of random numbers for one draw."""
         if not self.values.ndim or self.apart < SAME_RATE:
             return self.values.size
         return int((self.values.size - 1) / self.apart) + 2 if self.values.size else 0

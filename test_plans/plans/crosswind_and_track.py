@@ -329,17 +329,17 @@ class Seen:
 
     @property
     def shaken(self) -> npt.NDArray[np.bool_]:
-        """Which samples belong to whole cycles after the transient."""
+        """A mask of the samples in whole cycles after the transient."""
         lead = ceil(LEAD * self.frequency) / self.frequency
         return np.asarray((self.at >= self.between[0] + lead) & (self.at < self.between[1]))
 
     @property
     def calm(self) -> npt.NDArray[np.bool_]:
-        """Which samples belong to the second before the wind."""
+        """A mask of the samples in the second before the wind."""
         return np.asarray((self.at >= -1 * s) & (self.at < 0.0))
 
     def pieces(self) -> Iterator[npt.NDArray[np.bool_]]:
-        """Yield which samples belong to each piece of whole cycles, from the piece that ends with the track
+        """Yield a mask of the samples in each piece of whole cycles, from the piece that ends with the track
         backward.
         """
         times = self.at[self.shaken]

@@ -295,7 +295,7 @@ def _settling(at: Samples, y: Samples) -> float:
 
 
 def _during(at: Samples, start: float) -> npt.NDArray[np.bool_]:
-    """Return which samples belong to the second from ``start`` (s) on."""
+    """Return a mask of the samples in the second from ``start`` (s) on."""
     return np.asarray((at >= start) & (at < start + SMOOTH))
 
 

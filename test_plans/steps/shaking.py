@@ -162,7 +162,7 @@ def _at_full_amplitude(capture: Capture, frequency: float, cycles: int) -> tuple
 def generator_cycles(
     times: Samples, values: dict[str, Samples], first: int, count: int, frequency: float
 ) -> npt.NDArray[np.bool_]:
-    """Return which samples belong to ``count`` cycles of the generator from cycle ``first`` on."""
+    """Return a mask of the samples in ``count`` cycles of the generator from cycle ``first`` on."""
     running = values["rig.program"] == PROGRAM_STATES.index("RUN")
     return whole_cycles(
         times, values["rig.generator_cycle"], running, first=first, count=count, frequency=frequency

@@ -106,7 +106,7 @@ def match(
 
 
 def score(signal: Signal, point: DescribedPoint, *, read_back: bool = False) -> float:
-    """Return how likely ``point`` is ``signal``: 0 if impossible, 1 if every word agrees."""
+    """Return the likelihood that ``point`` is ``signal``: 0 if impossible, 1 if every word agrees."""
     goes = signal.kind in (Kind.SETPOINT, Kind.SETTING, Kind.ACTION) and not read_back
     if not (point.written if goes else point.read):
         return 0.0

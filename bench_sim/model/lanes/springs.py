@@ -247,7 +247,7 @@ def most(w: Any, row: int, count: int) -> int:
 
 @compiled
 def active_terms(w: Any, surfaces: bool, fed: bool, joined: bool) -> ActiveTerms:
-    """Return which terms are active in any of the lanes."""
+    """Return the terms that are active in at least one lane."""
     extra = most(w, EXTRA_RATIO, EXTRA_BRANCHES)
     frictions = most(w, EXTRA_FRICTION, LANE_FRICTIONS)
     inert = most(w, Lane.INERTANCE, 1) > 0

@@ -82,7 +82,9 @@ def _against_zero(values: Array) -> tuple[float, float]:
 
 
 def _law(sure: list[tuple[Swing, float]]) -> tuple[str, str]:
-    """Return how the loss grows with amplitude and frequency, |W| ~ Aᵃ fᵇ, and the mechanisms that it indicates."""
+    """Return the law by which the loss grows with amplitude and frequency, |W| ~ Aᵃ fᵇ, and the mechanisms that it
+    indicates.
+    """
     anything = "friction, viscous or Maxwell loss, heat, orifice"
     if len({s.signal for s, _ in sure}) != 1 or len(sure) < 3:
         return "", anything

@@ -121,7 +121,8 @@ def _supply(measured: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def _rest(step: float, clock: Array, measured: Mapping[str, Array]) -> NDArray[np.bool_]:
-    """Return where all heights and platform motions are at rest, by their scatter within half a second.
+    """Return a mask of the samples at which all heights and platform motions are at rest, by their scatter within half
+    a second.
 
     A difference over half a second would be 0 at each reversal, and always at 2 Hz.
     """

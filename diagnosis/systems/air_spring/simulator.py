@@ -177,7 +177,9 @@ class AirSpring(CompleteSimulator):
             self._prepared.clear()
 
     def counted(self, experiment: Experiment, outputs: Array) -> NDArray[np.bool_]:
-        """Return which samples (n, c) would count in the record of a planned experiment (`diagnosis.contracts`)."""
+        """Return a mask of the samples (n, c) that would count in the record of a planned experiment
+        (`diagnosis.contracts`).
+        """
         return counted_if_recorded(experiment, outputs, self.channels, self.parameters.record)
 
     def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array:

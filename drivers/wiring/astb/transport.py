@@ -261,7 +261,7 @@ class AstbTransport:
         )
 
     def identity(self) -> str:
-        """Return which signal table the rig uses, and who holds the lease."""
+        """Return as text the signal table of the rig, and the holder of the lease."""
         spoken = self.differs or f"table of signals {self._table.map_hash:#010x}"
         return f"{spoken}; held by {self.registers.whose()}"
 

@@ -315,7 +315,8 @@ class CanTransport(Transport):
                 self._decode(message, payload(record), self._sampled(message, time))
 
     def _sampled(self, message: Message, time: int) -> int:
-        """Return when a message received at ``time`` was sampled. A rig samples at once, then sends frame after frame.
+        """Return the sampling time of a message received at ``time``. A rig samples at once, then sends frame after
+        frame.
 
         If the first message of a burst is known, a long burst is not mistaken for the beginning of the next one.
         """
