@@ -145,7 +145,7 @@ def test_a_direction_of_any_length_and_unit_is_a_unit_vector(tmp_path):
         ),
         (
             '[load_cell.1]\nplace = { value = [0, 0, 0], unit = "kg", provenance = "assumed", source = "x" }',
-            "load_cell.1.place = 0 kg is not in",
+            "load_cell.1.place = 0 kg has the wrong unit",
         ),
         ('[across]\n"load_cell.1" = 1', 'across."load_cell.1" is not a dimension of a rig'),
     ],
