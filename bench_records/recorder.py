@@ -12,7 +12,7 @@ import errno
 import os
 import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import suppress
 from io import FileIO
 from pathlib import Path
@@ -119,6 +119,7 @@ class Recorder:
             self._give_up()
             raise
         self._thread = threading.Thread(target=self._write_batches, name="recorder", daemon=True)
+        self._writing = ThreadPoolExecutor(1, "recorder")
         self._in_background = in_background
         if in_background:
             self._thread.start()
@@ -170,7 +171,7 @@ class Recorder:
         if due and self._in_background:
             self._wake.set()
         elif due:
-            _undisturbed(self._drain)
+            self._undisturbed(self._drain)
 
     def event(self, time_ns: int, kind: str, text: str, **data: Any) -> None:
         """Record an event at ``time_ns``: a change of state, a trip, a check.  ``data`` must be valid for JSON."""
@@ -201,7 +202,7 @@ class Recorder:
         """Write all stored samples to the operating system."""
         with self._lock:
             self._refuse_if_unwritable()
-        _undisturbed(self._drain)
+        self._undisturbed(self._drain)
 
     def close(self, **meta: Any) -> Path:
         """Convert the stream to ``record.parquet`` and ``meta.json``; ``meta`` has the facts known only at the end.
@@ -221,7 +222,7 @@ class Recorder:
         if self.dropped:
             meta["dropped"] = self.dropped
         try:
-            _undisturbed(self._finish_stream)
+            self._undisturbed(self._finish_stream)
             if not OPEN_FILES_MOVE:
                 self._file.close()
             convert(self.directory / STREAM, meta)
@@ -229,6 +230,7 @@ class Recorder:
             self._put_back()
             raise
         finally:
+            self._writing.shutdown()
             # Locked until the record exists, so that the run does not look cut off.
             with suppress(OSError):  # a full disk refuses the last bytes again; the error is already reported
                 self._file.close()
@@ -242,6 +244,17 @@ class Recorder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def _undisturbed(self, write: Callable[[], None]) -> None:
+        """Write in a separate thread, which Ctrl-C does not interrupt; the caller is interrupted after the write.
+
+        Half a batch would make all later ones unreadable.
+        """
+        writing = self._writing.submit(write)
+        try:
+            writing.result()
+        finally:
+            wait([writing])
 
     def _refuse_if_failed(self) -> None:
         if self._failure is not None:
@@ -324,15 +337,6 @@ class Recorder:
             except (OSError, pa.ArrowException) as error:
                 self._failure = error
         self._refuse_if_failed()
-
-
-def _undisturbed(write: Callable[[], None]) -> None:
-    """Write in a separate thread, which Ctrl-C does not interrupt: half a batch would make all later ones unreadable.
-
-    An interrupted caller gets the KeyboardInterrupt after the end of the write.
-    """
-    with ThreadPoolExecutor(1, "recorder") as pool:
-        pool.submit(write).result()
 
 
 def _no_samples() -> list[npt.NDArray[Any]]:

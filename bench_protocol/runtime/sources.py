@@ -29,13 +29,18 @@ def digest_of(*modules: str) -> str | None:
         if (module := unread.pop()) not in found:
             found.add(module)
             unread.extend(_imported(module))
-    codes = {module: _code(module) for module in sorted(found)}
-    if any(codes[module] is None for module in modules):
+    if any(_code(module) is None for module in modules):
         return None
     digest = hashlib.sha256(str(TICK_RATE).encode())
-    for module, code in codes.items():
-        digest.update(repr((module, _without_documentation(code))).encode())
+    for module in sorted(found):
+        digest.update(_meaning(module))
     return digest.hexdigest()
+
+
+@cache
+def _meaning(module: str) -> bytes:
+    """Return the code of one module as bytes for a digest; many functions are compiled of the same modules."""
+    return repr((module, _without_documentation(_code(module)))).encode()
 
 
 @cache
