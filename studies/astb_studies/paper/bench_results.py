@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import ceil
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
@@ -62,13 +63,19 @@ def directory_of(out: Path, plan: str, seed: int) -> Path:
 
 
 def measure(
-    plan: str, seed: int, out: Path, name: str = "", given: Mapping[str, str] = MappingProxyType({})
+    plan: str,
+    seed: int,
+    out: Path,
+    name: str = "",
+    given: Mapping[str, str] = MappingProxyType({}),
+    parameters: str = "astb",
 ) -> None:
     """Run one plan in virtual time on its own rig and leave record and result below ``out``.
 
-    ``given`` are parameters of the plan as people write them, and ``name`` what such a run is called.
+    ``given`` are parameters of the plan as people write them, and ``name`` what such a run is called. ``parameters``
+    name the set of the rig, or a file of them.
     """
-    simulation = Simulation(seed=seed)
+    simulation = Simulation(parameters=parameters, seed=seed)
     rig = RigFile(name="virtual", time="virtual", simulation=simulation)
     with virtual_session(build_rig(simulation), simulation) as session, connected(session):
         execute(
@@ -196,6 +203,23 @@ def gather(out: Path, seeds: Sequence[int], *, quick: bool) -> BenchResults:
         rode,
         harmonics(records["frequency_sweep_aw0"]),
     )
+
+
+def at_once_on_the_model(fitted: object, parameters: str, load: str) -> dict[str, Floats]:
+    """Return gauge pressures (Pa) and K' of one spring (N/m) of `BenchResults.at_once` on a rig with ``parameters``.
+
+    ``fitted``, which every job of the model gets, is in the file of the parameters, too.
+    """
+    names = {combined.name_of(load, given): given for given in combined.VARIED["pressure"]}
+    with TemporaryDirectory(prefix="astb-at-once-") as directory:
+        out = Path(directory)
+        for name, given in names.items():
+            measure(combined.plan_of(load), 0, out, name, given, parameters)
+        pressures = {name: _pressures(read(directory_of(out, name, 0))) for name in names}
+        results = {name: read_result(directory_of(out, name, 0)) for name in names}
+    rig = BenchResults({}, pressures, (np.zeros(0), np.zeros(0)), results)
+    found = rig.at_once(load, "pressure", combined.STIFFNESS)
+    return {"p": found.x, "K": found.y}
 
 
 def harmonics(record: "Record") -> list[Harmonics]:

@@ -1,13 +1,14 @@
 """The bench's experiments repeated by the plant's model with identified parameters, as jobs for several processes."""
 
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from astb_studies.paper import plant_curves
-from astb_studies.paper.bench_results import BenchResults
+from astb_studies.paper.bench_results import BenchResults, at_once_on_the_model
 from astb_studies.paper.identified import Identified
 from astb_studies.paper.plans.damping_ratio import PLATES
 from astb_studies.paper.subject import LOADS, Subject
@@ -34,9 +35,10 @@ SWEEPS: Final = (
 Job = tuple[str, Callable[..., Curves], tuple[Any, ...]]
 
 
-def model_jobs(bench: BenchResults, identified: Identified) -> Iterator[Job]:
+def model_jobs(bench: BenchResults, identified: Identified, file: Path) -> Iterator[Job]:
     """Yield the experiments that the model repeats at what the first rig measured: name, function, arguments.
 
+    ``file`` has the identified parameters.
     The model stands at the pressure that the bench read, less the transducers' zero: `preload` is what it then carries.
     """
     zero = identified.pressure_zero
@@ -52,6 +54,7 @@ def model_jobs(bench: BenchResults, identified: Identified) -> Iterator[Job]:
             for a in sorted(AMPLITUDES)
         ]
         yield f"lateral {load}", lateral, ([one.x - zero for one in found], [one.y for one in found])
+        yield f"at once {load}", at_once_on_the_model, (str(file), load)
         rolls = bench.points(
             f"roll_angle_{load.lower()}",
             "Lateral secant F/y at +20 mm per spring",

@@ -113,7 +113,8 @@ def study(executor: Executor, out: Path, *, quick: bool, seed: int, progress: Pr
     bench, identified = gather(out, seeds, quick=quick), springs.result()
     fitted = {name: one.value for name, one in identified.parameters.items()}
     modelled = {
-        name: executor.submit(job, fitted, *args) for name, job, args in model_jobs(bench, identified)
+        name: executor.submit(job, fitted, *args)
+        for name, job, args in model_jobs(bench, identified, out / IDENTIFIED)
     }
     modelled["confusable"] = confused
     _watch(MODEL, [*modelled.values()], progress)

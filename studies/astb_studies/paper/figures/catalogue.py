@@ -78,7 +78,8 @@ SECTIONS: Final = (
         " pressure times area is taken off (f) the orifice leaves next to nothing: what stays there is"
         " rubber if it is flat, and lag if it rises with the frequency. A single frequency proves none"
         " of them."
-        " Crosses in (a, b): wind and track at once, as in figure 6; the model's lines are not of them."
+        " Crosses in (a, b): wind and track at once, as in figure 6; dash-dotted: the same plan on the"
+        " model."
         " Points in (f): the same sweep on the bench, the pressure times the identified area taken off, each reading"
         " without the lag of its sensor.",
         figure_8,

@@ -7,6 +7,7 @@ import numpy as np
 from astb_studies.paper.bench_results import Points
 from astb_studies.paper.figures.bench_curves import damping_points, lateral_points
 from astb_studies.paper.figures.style import (
+    DASHDOT,
     DASHED,
     DOTTED,
     KN_M,
@@ -54,6 +55,7 @@ def figure_8(study: Study) -> "Figure":
         MEASURED,
         PLANT_MODEL,
         ("the same without rubber", {"linestyle": DOTTED, "linewidth": 1.5}),
+        ("model, wind and track at once", {"linestyle": DASHDOT}),
         ("paper's (10), its area fitted", {"linestyle": DASHED, "color": SOFT}),
         *(
             (label, {"color": colour, "linestyle": dash, "linewidth": 1.5})
@@ -72,6 +74,8 @@ def _model_against_bench(study: Study, top: Any) -> None:
         p = study.bench.lateral_stiffness(load, 5 * mm, first=True).x
         for row, colour in zip(study.model[f"lateral {load}"]["K"], ORDERED, strict=False):
             draw_line(panel, p / bar, row.real / KN_M, colour)
+        at_once = study.model[f"at once {load}"]
+        draw_line(panel, at_once["p"] / bar, at_once["K"] / KN_M, INK, DASHDOT)
         draw_line(panel, p / bar, closed_stiffness(load, p, lateral_area=area) / KN_M, SOFT, DASHED)
         label_panel(panel, letter, f"Lateral stiffness, {load}", "pressure (gauge), bar", "K′, kN/m")
         add_legend(panel, title="amplitude", title_fontsize=7.5, loc="lower right", ncols=3)

@@ -23,6 +23,7 @@ ORDERED: Final = ("#2d1160", "#8c2981", "#de4968", "#f0944d")
 MARKERS: Final = ("o", "s", "^", "D")
 DASHED: Final = (0, (4.5, 1.8))
 DOTTED: Final = (0, (1.2, 1.4))
+DASHDOT: Final = (0, (4.5, 1.4, 1.2, 1.4))
 KN_M: Final = 1e3
 PANEL_IN: Final = 3.5
 WIDE_IN: Final = 4.5
