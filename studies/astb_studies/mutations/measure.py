@@ -1,9 +1,10 @@
 """Measures which faults the plans detect and whether sound rigs pass: ``python -m astb_studies.mutations.measure``."""
 
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from subprocess import run
-from typing import Any
+from typing import Any, Final
 
 import click
 
@@ -23,13 +24,15 @@ from astb_studies.mutations.faults import (
     read_cells,
     write_cells,
 )
-from astb_studies.mutations.healthy import SoundRun, read_sound_runs, sound_rig, write_sound_runs
+from astb_studies.mutations.healthy import NOT_BEGUN, SoundRun, read_sound_runs, sound_rig, write_sound_runs
 from astb_studies.mutations.page import PAGE, page
 from test_plans.discovery import plans as all_plans
 from test_plans.parameters import Parameter
 
 #: No plan takes that long (s), even on a busy machine.
 LIMIT = 600.0
+#: What a precondition found, in brackets after its name.
+DETAILS: Final = re.compile(r" \((?:[^()]|\([^()]*\))*\)")
 #: Parameters that only make a run longer.
 LENGTHS = frozenset({"duration", "cycles", "intervals", "hold", "within"})
 #: Parameters that state the specimen on the bench: the virtual bench always has springs.
@@ -115,7 +118,9 @@ def sound_run(row: Mapping[str, Any]) -> SoundRun:
     else:
         failed = [check["name"] for check in row["checks"] or () if check["verdict"] in FAILED]
         verdict, told = row["verdict"], "; ".join(failed) or row["reason"]
-    values = ", ".join(f"{name} = {value}" for name, value in row.get("values", {}).items())
+    if told.startswith(NOT_BEGUN):  # which precondition; the values are in their own column
+        told = DETAILS.sub("", told)
+    values = ", ".join(f"{name} = {value}" for name, value in row.get("values", {}).items() if value)
     return SoundRun(
         plan=row["plan"],
         seed=row["seed"],

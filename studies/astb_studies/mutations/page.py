@@ -1,6 +1,5 @@
 """Writes the page of the mutation matrix from stored results; it computes only counts and an interval."""
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import groupby
 from typing import Final
@@ -153,18 +152,22 @@ def _sound(runs: Sequence[SoundRun]) -> Iterator[str]:
         f"Clopper and Pearson: {100 * interval.low:.2f} to {100 * interval.high:.1f} %). Version of the code: "
         f"{', '.join(sorted({run.version for run in sound}))}.\n"
     )
-    if drawn := [run for run in sound if run.values]:
-        found = sum(run.rejected for run in drawn)
-        interval = binomtest(found, len(drawn)).proportion_ci(CONFIDENCE)
-        yield (
-            f"In {len(drawn)} of these runs the parameters of the plan were drawn over their whole ranges: {found} "
-            f"rejected ({100 * interval.low:.2f} to {100 * interval.high:.1f} %), "
-            f"{sum(run.verdict == 'incomplete' for run in drawn)} *incomplete*, because a check has no limit for these "
-            f"parameters or is too uncertain. {len(runs) - len(sound)} more were refused before the start, most of "
-            "them because the bolster would have reached its bump stop.\n"
-        )
-    counts = Counter(run.plan for run in sound)
-    yield ", ".join(f"`{plan}` {count}" for plan, count in sorted(counts.items())) + ".\n"
+    drawn = [run for run in sound if run.values]
+    found = sum(run.rejected for run in drawn)
+    interval = binomtest(found, len(drawn)).proportion_ci(CONFIDENCE)
+    yield (
+        f"In {len(drawn)} of these runs the parameters of the plan were drawn over their whole ranges: {found} "
+        f"rejected ({100 * interval.low:.2f} to {100 * interval.high:.1f} %). *Incomplete*: a check has no limit for "
+        "these parameters or is too uncertain. *Refused*: the plan computes before the start that the bench cannot do "
+        "this draw, mostly because the bolster would reach its bump stop. The range is that of the draws that began.\n"
+    )
+    yield (
+        "| plan | runs | of these drawn | incomplete | rejected | refused draws | range of the drawn parameters |\n"
+        "|---|--:|--:|--:|--:|--:|---|"
+    )
+    for plan in sorted({run.plan for run in runs}):
+        yield _sound_row(plan, [run for run in runs if run.plan == plan])
+    yield ""
     if binomtest(len(rejected), len(sound)).proportion_ci(CONFIDENCE).high > WANTED:
         yield f"A proof that fewer than {100 * WANTED:g} % are rejected needs more rigs.\n"
     for run in rejected:
@@ -172,6 +175,33 @@ def _sound(runs: Sequence[SoundRun]) -> Iterator[str]:
         yield f"* `{run.plan}`, seed {run.seed}{values}: {run.told}"
     if rejected:
         yield ""
+
+
+def _sound_row(plan: str, runs: Sequence[SoundRun]) -> str:
+    """Return the row of a plan in the table of fault-free rigs."""
+    begun = [run for run in runs if not run.refused]
+    counts = (
+        len(begun),
+        sum(bool(run.values) for run in begun),
+        sum(run.verdict == "incomplete" for run in begun),
+        sum(run.rejected for run in begun),
+        len(runs) - len(begun),
+    )
+    drawn: dict[str, list[str]] = {}
+    for run in begun:
+        for name, value in (one.split(" = ") for one in run.values.split(", ") if one):
+            drawn.setdefault(name, []).append(value)
+    ranges = ", ".join(f"{name} {_range(values)}" for name, values in drawn.items())
+    return f"| `{plan}` | {' | '.join(str(count or '') for count in counts)} | {ranges} |"
+
+
+def _range(values: Sequence[str]) -> str:
+    """Return the lowest and the highest of ``values`` with one unit, or the words among them."""
+    try:
+        low, high = (choose(values, key=lambda one: float(one.split()[0])) for choose in (min, max))
+    except ValueError:
+        return " or ".join(sorted(set(values)))
+    return f"{low.split()[0]} to {high}"
 
 
 def _tolerances() -> Iterator[str]:
