@@ -360,11 +360,11 @@ def changed(**keys: object) -> dict:
         ),
         (
             changed(points={"height": {"table": "inputs", "address": 1}}),
-            "height: table = 'inputs': did you mean 'input'",
+            "height: table = 'inputs' is unknown; did you mean 'input'",
         ),
         (
             changed(points={"height": {"table": "input", "address": 1, "type": "word"}}),
-            "height: type = 'word': use one of int16",
+            "height: type = 'word' is unknown; use one of int16",
         ),
         (
             changed(alive={"point": "height", "every": "1 s"}),
