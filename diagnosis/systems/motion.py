@@ -39,6 +39,9 @@ _REACH: Final = 8
 _ROUNDS: Final = 8
 #: q/σ² to begin with (passes 25 Hz of 200 Hz), and its bounds (pass 3 Hz and everything).
 _FIRST, _SMALLEST, _LARGEST = 0.25, 1e-6, 20.0
+#: The smallest one for a bolster that no actuator holds (passes 6.5 Hz). It swings at 2 to 4 Hz by less than the noise
+#: of the sensors, and these swings move forces: a lost 8 µm moves a load cell by 4 N.
+_SMALLEST_FREE: Final = 1e-4
 #: The part of q with which a motion is smoothed twice. A quarter is better than once with all of it in everything that
 #: was tried: waves of 0.1 to 12.5 Hz are off by less (4.8 µm instead of 4.9 at 8 Hz), their accelerations too (51 mm/s²
 #: instead of 63), and triangles as much as before.
@@ -73,18 +76,21 @@ BESIDE: Final = ("lateral.force", "lateral.acceleration")
 GIVE: Final = "lateral.give"
 
 
-def motion_inputs(measured: Mapping[str, Array], step: float, parameters: Parameters) -> dict[str, Array]:
+def motion_inputs(
+    measured: Mapping[str, Array], step: float, parameters: Parameters, *, free: bool = False
+) -> dict[str, Array]:
     """Return the motion inputs of `AirSpring`, each (n,), from readings (n,) every ``step`` s.
 
     ``measured`` holds signals of `SENSORS` (both heights at least) and `BESIDE`, NaN where there was no sample. With
     ``lateral.force`` the give q of the lateral actuator's frame, F = k q + c dq/dt, is subtracted from the shear and
-    returned together with it.
+    returned together with it. ``free``: the bolster swings freely.
     """
     par = parameters.record
+    smallest = _SMALLEST_FREE if free else _SMALLEST
 
     def seen(name: str) -> Array:
         sensor = sensor_of(name)
-        smoothed = smooth(measured[name], sensor_noise(name, par))
+        smoothed = smooth(measured[name], sensor_noise(name, par), smallest)
         if name in _ROLLING and sideways is not None:
             smoothed = smoothed + in_step(measured[name] - smoothed, sideways, step, sensor_noise(name, par))
         true = (smoothed - par.sensor_bias[sensor]) / (1.0 + par.sensor_gain[sensor])
@@ -92,7 +98,9 @@ def motion_inputs(measured: Mapping[str, Array], step: float, parameters: Parame
 
     sideways = None
     if "lateral.displacement" in measured:
-        sideways = smooth(measured["lateral.displacement"], sensor_noise("lateral.displacement", par))
+        sideways = smooth(
+            measured["lateral.displacement"], sensor_noise("lateral.displacement", par), smallest
+        )
     places = {name: seen(name) for name in SENSORS if name in measured}
     inputs = {name: values for name, values in places.items() if name != "lateral.displacement"}
     if "lateral.acceleration" in measured:
@@ -138,10 +146,11 @@ def sensor_noise(name: str, par: Any) -> float:
     return float(np.sqrt(par.sensor_noise[sensor] ** 2 + sum(step**2 for step in steps) / 12.0))
 
 
-def smooth(values: Array, noise: float) -> Array:
+def smooth(values: Array, noise: float, smallest: float = _SMALLEST) -> Array:
     """Return ``values`` (n,) without their ``noise`` (its standard deviation); NaN are interpolated.
 
-    Readings that contain only noise give their mean. Raises DiagnosisError for fewer than eight samples.
+    q is at least ``smallest`` σ². Readings that contain only noise give their mean. Raises DiagnosisError for fewer
+    than eight samples.
     """
     known = np.isfinite(values)
     if known.sum() < LEAST:
@@ -151,7 +160,7 @@ def smooth(values: Array, noise: float) -> Array:
     ratio = np.full(len(values) - 3, _FIRST)
     for _ in range(_ROUNDS):
         square = (np.diff(_whittaker(values, known, ratio), 3) / noise) ** 2
-        ratio = np.clip(uniform_filter1d(square, 2 * _REACH + 1, mode="nearest"), _SMALLEST, _LARGEST)
+        ratio = np.clip(uniform_filter1d(square, 2 * _REACH + 1, mode="nearest"), smallest, _LARGEST)
     once = _whittaker(values, known, _TWICE * ratio)
     return once + _whittaker(values - once, known, _TWICE * ratio)
 

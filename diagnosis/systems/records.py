@@ -1,5 +1,8 @@
 """Records of the bench as measured runs: every phase of a plan with a name ``replay …`` is one run.
 
+Wind and track of a plan that applies both at once are one, too. That run begins before the unequal preload, so that the
+replay follows it.
+
 Phases inside of a run: samples up to the end of ``condition …`` are not scored, because this motion removes the
 rubber's memory of earlier motions. In ``rest`` nothing moves. The state of the valves follows from the settings in the
 events of the record.
@@ -43,6 +46,12 @@ from diagnosis.systems.motion import (
 from diagnosis.systems.twice_rounded import TwiceRounded, rounded_to, twice_rounded
 
 REPLAY: Final = "replay "
+#: The phase in which wind, track and roll act at once. It begins with a rest, as the stretches of a programme do.
+COMBINED: Final = "wind and track"
+#: The direction of the platform that shows the cycles of the track.
+PLATFORM: Final = "platform.lateral"
+#: The phase before it, in which the air is shut in and nothing moves yet.
+FREED: Final = "free the bolster"
 CONDITION: Final = "condition"
 REST: Final = "rest"
 #: Sampling interval of signals on CAN at their full rate.
@@ -79,7 +88,7 @@ def dataset_of(directories: Sequence[Path], records: Sequence[Record], simulator
         elif not found:
             raise DiagnosisError(
                 f"{directory} holds no phase whose name begins with {REPLAY!r}, so it cannot be replayed; use a "
-                "record of the plan `screening` or `identification`"
+                "record of the plan `screening`, `identification` or `crosswind_and_track_aw0` (or `_aw3`)"
             )
         runs += [(Path(directory), run) for run in found]
     if not runs:
@@ -124,7 +133,12 @@ def run_between(
 
 
 def _phases(record: Record) -> Iterable[Phase]:
-    return (phase for phase in record.phases if phase.name.startswith(REPLAY))
+    for phase in record.phases:
+        if phase.name.startswith(REPLAY):
+            yield phase
+        elif phase.name == COMBINED and PLATFORM in record.signals:
+            before = [p.start for p in record.phases if p.name == FREED and p.end <= phase.start]
+            yield Phase(COMBINED, max(before, default=phase.start), phase.end)
 
 
 def _sines(record: Record) -> Phase | None:
@@ -196,16 +210,19 @@ def _run(
         if f"{side}.height" not in measured:
             raise DiagnosisError(f"{record.path}: no sample of {side}.height in {phase.name!r}")
     settings = SettingsOfRecord(record)
-    inputs = motion_inputs(measured, STEP, simulator.parameters) | settings.valves(grid)
+    combined = phase.name == COMBINED
+    inputs = motion_inputs(measured, STEP, simulator.parameters, free=combined) | settings.valves(grid)
     outputs = _outputs(record, grid, inputs, simulator, channels, twice)
     _without_frame_dampers(outputs, record, grid, settings, simulator)
+    if combined:
+        _without_history(outputs, channels, inputs[PLATFORM])
     inputs["supply.pressure"] = _interpolated(_sampled(record, "supply.pressure", grid), simulator.parameters)
     inside = [p for p in record.phases if phase.start <= p.start and p.end <= phase.end and p is not phase]
     if conditioned is None:
         conditioned = max((p.end for p in inside if p.name.startswith(CONDITION)), default=phase.start)
     rest = np.zeros(len(grid), np.bool_)
     for p in inside:
-        if p.name == REST:
+        if p.name == (FREED if combined else REST):
             rest |= (grid >= p.start) & (grid < p.end)
     on = _switched_on(record, grid[0])
     past = Past(record, grid[0], on)
@@ -269,6 +286,26 @@ def _without_frame_dampers(
         known = smooth(force, sensor_noise(f"{actuator}.force", par))
         late = give(known, j, par, STEP) - known / float(par.frame_stiffness[j])
         outputs[:, places[f"{actuator}.displacement"]] -= actuator_sense(j) * held * late
+
+
+def _without_history(outputs: Array, channels: Sequence[Channel], platform: Array) -> None:
+    """Set readings (n, c) of a free bolster to NaN that its motion does not determine, or that determine its motion.
+
+    Gas counts from the track on: while the preload rolls the bolster, thermometers deviate by 15 times their noise.
+    Forces count in the second half of the track. Before it, friction remembers earlier motions. After it, small swings
+    of the bolster fade on that of the wind; whether one of them reverses the motion, and so the friction, depends on
+    micrometres. The pistons' displacements never count: transducers and lasers that move keep a part of their noise. It
+    is coloured, and a third of the noise of these channels.
+    """
+    away = np.abs(platform - platform[0])
+    far = away > 0.5 * away.max()
+    cycle = np.cumsum(np.diff(far, prepend=False) & far)
+    periodic = (cycle > 0.5 * cycle[-1]) & (np.cumsum(far[::-1])[::-1] > 0)
+    for k, channel in enumerate(channels):
+        if channel.kind == "displacement":
+            outputs[:, k] = np.nan
+        else:
+            outputs[~periodic if channel.kind == "force" else cycle == 0, k] = np.nan
 
 
 def _lateral_acceleration_is_unknown(

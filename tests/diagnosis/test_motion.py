@@ -254,6 +254,25 @@ def test_the_springs_were_where_the_sensors_say():
     assert "lateral.give" not in stiff
 
 
+def test_a_free_bolster_keeps_swings_below_the_noise():
+    """Of 8 µm at 3.6 Hz, the third harmonic of a track, less than 10 % is lost; without ``free`` a quarter is."""
+    t = STEP * np.arange(2000)
+    swing = np.exp(-2j * np.pi * 3.6 * t)
+    height = 0.5e-3 * np.sin(2.0 * np.pi * 1.2 * t) + 8e-6 * np.cos(2.0 * np.pi * 3.6 * t)
+
+    def lost(free: bool) -> float:
+        noise = NOISE * np.random.default_rng(1).standard_normal((2, len(t)))
+        measured = {
+            f"{side}.height": height + one for side, one in zip(("left", "right"), noise, strict=True)
+        }
+        inputs = motion_inputs(measured, STEP, load("astb"), free=free)
+        found = 0.5 * (inputs["left.height"] + inputs["right.height"])
+        return float(2.0 * np.abs(np.mean(((found - height) * swing)[INNER])))
+
+    assert lost(free=True) < 0.8e-6
+    assert lost(free=False) > 2e-6
+
+
 def test_if_the_frame_gives_way_more_the_springs_were_sheared_by_that_less():
     bench = load("astb").with_values(sensor_noise=0.0, sensor_resolution=0.0)
     measured, was = swung_every_way(with_effects(bench, {"frame_compliance": {"compliance": 1e-8}}))
