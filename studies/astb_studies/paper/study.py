@@ -112,10 +112,8 @@ def study(executor: Executor, out: Path, *, quick: bool, seed: int, progress: Pr
         future.result()
     bench, identified = gather(out, seeds, quick=quick), springs.result()
     fitted = {name: one.value for name, one in identified.parameters.items()}
-    modelled = {
-        name: executor.submit(job, fitted, *args)
-        for name, job, args in model_jobs(bench, identified, out / IDENTIFIED)
-    }
+    jobs = model_jobs(bench, identified, out / IDENTIFIED)
+    modelled = {name: executor.submit(job, fitted, *args) for name, job, args in jobs}
     modelled["confusable"] = confused
     _watch(MODEL, [*modelled.values()], progress)
     for future in as_completed([*checked, *modelled.values(), *(f for fs in spread.values() for f in fs)]):
