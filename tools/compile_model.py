@@ -21,11 +21,12 @@ GAUGE: Final = 2e5
 
 
 def compile_rig() -> None:
-    """Build a rig, which compiles its tick, and load the cycle."""
+    """Build a rig in memory, which compiles its tick and that of virtual time, and load the cycle."""
     from astb.rig_file import Simulation
+    from astb.rig_in_memory import RigInMemory
     from astb.session import build_rig
 
-    build_rig(Simulation())
+    RigInMemory(build_rig(Simulation()))
     import drivers.cycle  # noqa: F401  compiled when it is imported
 
 
