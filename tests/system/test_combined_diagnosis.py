@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from astb.exit_codes import PASS
+from astb.exit_codes import FAIL, INCOMPLETE, PASS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -14,7 +14,10 @@ def found(astb_here, tmp_path):
 
     def run(load: str, seed: int, *options: str) -> dict:
         plan = f"crosswind_and_track_{load}"
-        astb_here(tmp_path, "run", plan, "--virtual", "--seed", f"{seed}", "--out", "run", *options)
+        code, _, err = astb_here(
+            tmp_path, "run", plan, "--virtual", "--seed", f"{seed}", "--out", "run", *options
+        )
+        assert code in {PASS, FAIL, INCOMPLETE}, err
         code, _, err = astb_here(tmp_path, "diagnose", f"run/{plan}", "--out", "finding")
         assert code == PASS, err
         return msgspec.json.decode((tmp_path / "finding/finding.json").read_bytes())
