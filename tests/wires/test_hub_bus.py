@@ -77,7 +77,7 @@ def test_frames_behind_the_last_ok_are_not_lost(cut: int) -> None:
 @pytest.mark.parametrize(
     ("script", "why"),
     [
-        ([(b"", b"SSH-2.0-OpenSSH_9.2\r\n<no>")], "answered '< >' '< >'"),
+        ([(b"", b"SSH-2.0-OpenSSH_9.2\r\n<no>")], "'< >' '< >'"),
         ([HANDSHAKE[0], (b"< open vcan0 >", b"< error this hub serves can7 >")], "can7"),
         ([HANDSHAKE[0]], "timed"),
     ],

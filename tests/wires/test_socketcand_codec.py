@@ -197,11 +197,14 @@ def test_a_server_may_be_old(line: bytes, expected: tuple[int, int, bool, str]) 
 @pytest.mark.parametrize(
     ("line", "why"),
     [
-        (b"< send 123 9 1 2 3 4 5 6 7 8 9 >", "length 9, a classic CAN frame carries 0 to 8 bytes"),
+        (
+            b"< send 123 9 1 2 3 4 5 6 7 8 9 >",
+            "length 9 does not fit; a classic CAN frame carries 0 to 8 bytes",
+        ),
         (b"< send 123 3 1 2 >", "length 3 announced, but 2 data bytes follow"),
         (
             b"< frame 7FF 9700000000.0 00 >",
-            "time stamp of 9700000000 s, the latest that can be kept is 9223372035 s",
+            "time stamp of 9700000000 s is too late; use 9223372035 s or less",
         ),
         (b"< send 123 1 1 2 >", "length 1 announced, but 2 data bytes follow"),
         (b"< send 123 1 100 >", "data byte '100' is not a hexadecimal number from 0 to ff"),
