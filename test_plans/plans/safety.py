@@ -218,7 +218,8 @@ def _supervised(run: Run, names: Iterable[str]) -> bool:
     known = run.bench.wiring.capabilities.watchdog
     if not known:
         run.not_available(
-            names, f"{run.bench.wiring.rig} is not known to notice that its commander is silent"
+            names,
+            f"the wiring of {run.bench.wiring.rig} does not state that the rig detects a silent commander",
         )
     return known
 
