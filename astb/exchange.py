@@ -39,7 +39,9 @@ def export_run(directory: Path, target: Path, rate: float, names: Sequence[str])
     form = _known_form(target, [one for one in FORMS if one.write is not None])
     if form in reading.FORMS:
         if names:
-            raise RecordError("CAN frames are exported completely; --signal is only for CSV and MDF")
+            raise RecordError(
+                f"--signal does not apply to the CAN log {target}; omit it, or choose a table or MDF 4"
+            )
         source = directory / FRAMES
         if not source.exists():
             raise RecordError(f"{directory} has no CAN frames; record them with `astb run --keep-frames`")

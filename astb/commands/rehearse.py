@@ -94,7 +94,7 @@ def rehearse_command(
     folder OUT/PLAN-rehearsal with rehearsal.html, rehearsal.json and the record.
 
     --from repeats a recorded virtual run, with the same --rig and --model. It checks that the repeated run is identical
-    up to the given time. From there it continues with --fault, --effect or --change, and prints both courses.
+    up to the given time. From there it continues with --fault, --effect or --change, and prints both runs.
 
     \b
     Exit codes:

@@ -234,13 +234,13 @@ def _detectable(unseen: Sequence[Unseen]) -> Markup:
     """Return the sizes from which on effects would be found; empty without any."""
     if not unseen:
         return Markup()
-    heads = "effect | family :u | smallest :n value | :u | footprint left :n | in words :u words"
+    heads = "effect | family :u | smallest :n value | :u | remaining footprint :n | in words :u words"
     return section(
         "Smallest detectable effects",
         "An effect that was not found may still exist. At the size in this table or above, it would be found in 95 of "
         "100 cases.",
         table(heads, map(_unseen_row, unseen)),
-        caption("Footprint left: the part that the parameters of the model cannot imitate."),
+        caption("Remaining footprint: the part that the parameters of the model cannot imitate."),
     )
 
 

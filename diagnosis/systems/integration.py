@@ -39,11 +39,18 @@ def integrate(
     )
     first = np.asarray(start, dtype=np.float64)
     straight = 1.0 - np.array(held or [False] * len(inputs), dtype=np.float64)
-    if first.ndim != 1 or parts < 1 or not step > 0.0 or len(straight) != len(inputs):
-        raise DiagnosisError(
-            f"integrate: a start of shape {first.shape}, a step of {step:g} s, {parts} parts and {len(straight)} held; "
-            "the shape must be (k,), the step more than 0 s, the parts at least 1, and held none or one for each input"
-        )
+    for wrong, found, right in (
+        (first.ndim != 1, f"start has the shape {first.shape}", "(k,)"),
+        (not step > 0.0, f"step is {step:g} s", "more than 0 s"),
+        (parts < 1, f"parts is {parts}", "1 or more"),
+        (
+            len(straight) != len(inputs),
+            f"held has {len(straight)} values",
+            f"none, or {len(inputs)} (one for each input)",
+        ),
+    ):
+        if wrong:
+            raise DiagnosisError(f"integrate: {found}; use {right}")
     # What numba has compiled keeps the function that it was made of.
     march = _compiled() if hasattr(rates, "py_func") else _march
     states: Array = march(rates, first, driven, step, parts, p, straight)

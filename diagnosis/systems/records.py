@@ -289,13 +289,13 @@ def _without_frame_dampers(
 
 
 def _without_history(outputs: Array, channels: Sequence[Channel], platform: Array) -> None:
-    """Set readings (n, c) of a free bolster to NaN that its motion does not determine, or that determine its motion.
+    """Set to NaN the readings (n, c) that the measured motion of a free bolster does not determine.
 
-    Gas counts from the track on: while the preload rolls the bolster, thermometers deviate by 15 times their noise.
-    Forces count in the second half of the track. Before it, friction remembers earlier motions. After it, small swings
-    of the bolster fade on that of the wind; whether one of them reverses the motion, and so the friction, depends on
-    micrometres. The pistons' displacements never count: transducers and lasers that move keep a part of their noise. It
-    is coloured, and a third of the noise of these channels.
+    Pressures and temperatures are used from the start of the track. Before it, while the preload rolls the bolster,
+    thermometers deviate by 15 times their noise. Forces are used in the second half of the track. Before it, friction
+    still depends on earlier motions. After it, the wind falls, and small oscillations reverse the motion and the
+    friction, or do not: that depends on micrometres. Displacements of the pistons are not used: they are computed from
+    the measured motion, whose smoothed noise is coloured and a third of the noise of these channels.
     """
     away = np.abs(platform - platform[0])
     far = away > 0.5 * away.max()

@@ -377,7 +377,7 @@ def _refuse_wrong_keys(where: str, signal: Signal, entry: SignalEntry) -> None:
     for key in _given(entry):
         if key not in right:
             raise WiringError(
-                f"{where}.{key}: {signal.name} is {_article(signal.kind)}; use {', '.join(right)}, or absent"
+                f"{where}.{key} is not a key of {_article(signal.kind)}; the keys are {', '.join(right)}, absent"
             )
 
 

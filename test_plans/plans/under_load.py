@@ -14,14 +14,15 @@ def _under_load(run: Run, load: str) -> None:
     The bolster is lifted, the springs are filled, and the leveling valves bring them to their design height under the
     preload of the {car} car. When the gas temperature is steady, the bench makes these measurements:
 
-    * Each spring rests on its leveling valve: the bench measures load, height and pressure.
+    * The leveling valve controls the height of each spring: the bench measures load, height and pressure.
     * Height and pressure are held: the bench measures lateral stiffness and damping of the pair. The motions are a slow
       triangle and sines of 0.5 to 3 Hz with an amplitude of 5 mm. Stiffness and damping are those of the first
       harmonic.
-    * All valves are shut and the height is held: the bench measures vertical stiffness and damping of each spring with
-      the same waves.
-    * The preload is constant: an unequal preload on the two sides rolls the bolster. The roll is too small to open the
-      differential pressure valve. Then the platform follows a unilateral cosine of 5 mm, as on a track.
+    * All valves are shut: the bench moves the springs vertically with the same waves. It measures stiffness and damping
+      of each spring.
+    * The total preload is constant: its distribution on the two sides is changed, which rolls the bolster. The roll is
+      too small to open the differential pressure valve. Then the platform follows a unilateral cosine of 5 mm, as on a
+      track.
     * At the end the bench measures the mass of air that each spring has lost while the valves were shut.
 
     A spring passes if stiffness, damping, pressure and air loss are within the limits of the specimen's file. The

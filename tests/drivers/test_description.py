@@ -223,7 +223,7 @@ height = { from = "plc.h", unit = "mm" }
 -> there is no transport 'pcl'; did you mean 'plc'?
 
 "left.height" = { to = "plc.h", unit = "mm" }
--> "left.height".to: left.height is a measurement; use from, value, function, unit
+-> "left.height".to is not a key of a measurement; the keys are from, value, function, unit
 
 "left.height" = { from = "plc.h", unit = "mm", absent = "none" }
 -> has absent and from, unit; keep one of them

@@ -338,7 +338,8 @@ def commands_page() -> str:
     print(_NOTE.replace("table of signals", "command line"), file=out)
     print("# The command line\n", file=out)
     print(
-        "Exit codes: 0 pass, 1 fail, 2 wrong usage, 3 blocked (by the rig or a precondition), 4 incomplete",
+        "Exit codes of `astb run` and `astb rehearse`; other commands list their own.\n"
+        "0 pass, 1 fail, 2 wrong usage, 3 blocked (by the rig or a precondition), 4 incomplete",
         file=out,
     )
     print(

@@ -40,7 +40,8 @@ def conform_command(target: str, other: Path | None, json_path: Path | None, all
     It tests timing, states, refused commands, limits and Modbus exceptions. TARGET is the folder or
     file of a rig, or a name of `astb list rigs`. Nothing moves without --allow-motion.
 
-    Exit codes: 0 if all is right and equal to the other rig, 1 if not, 2 for wrong usage, 3 if no rig answers.
+    Exit codes: 0 if all tests pass and, with --against, both rigs are equal, 1 if not, 2 for wrong usage, 3 if no
+    rig answers.
     """
     from astb.acceptance.conformance.suite import examine_rig
 
