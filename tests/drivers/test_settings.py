@@ -50,7 +50,7 @@ def test_what_fits_is_applied_and_what_does_not_is_never_sent(make_world, data):
         assert world.peer.settings == {name: single(values.get(name, before[name])) for name in before}
         assert writes(world.peer) == [16, 5]  # one request stages everything, one applies it
     else:
-        with refuses(ValueError, "carries"):
+        with refuses(ValueError, "use"):
             world.bench.settings.write(values)
         assert writes(world.peer) == []
         assert world.peer.staged == before
