@@ -35,7 +35,7 @@ def found(astb_here, tmp_path):
         ("aw3", 5, ()),
     ],
 )
-def test_nothing_is_found_on_a_sound_bench(found, load, seed, options):
+def test_a_sound_bench_has_no_effect(found, load, seed, options):
     finding = found(load, seed, *options)
     assert finding["verdict"] == "no effect"
     assert finding["causes"] == []
