@@ -57,9 +57,12 @@ def write_comparison(comparison: Comparison, path: Path) -> None:
     ends = zip("AB", comparison.verdicts, comparison.circumstances, strict=True)
     facts = [(fact.what.replace("_", " "), fact.a or "–", fact.b or "–") for fact in comparison.facts]
     drawings = [
-        curve_panel(f"curve{number}", " · ".join(filter(None, (pair.group, pair.name))), renamed)
+        curve_panel(
+            f"curve{number}",
+            " · ".join(filter(None, (pair.group, pair.name))),
+            [replace(pair.a, name="A"), replace(pair.b, name="B")],
+        )
         for number, pair in enumerate(comparison.curves)
-        for renamed in [[replace(pair.a, name="A"), replace(pair.b, name="B")]]
         if pair.a.xs
     ]
     bars = any(one.expanded for pair in comparison.curves for one in (pair.a, pair.b))
