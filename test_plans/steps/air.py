@@ -173,7 +173,5 @@ def _air(specimen: Specimen, rig: Rig, values: Values, times: Values, load: Load
 
 def _settled(rig: Rig, name: str, times: Samples, values: Samples) -> float:
     """Return the true value of a reading; a first-order thermometer lags, so T = T_read + τ dT_read/dt."""
-    if not name.endswith("temperature"):
-        return float(values[np.isfinite(values)].mean())
     level, slope = straight_line(times, values)
-    return level + lag_of(rig, name) * slope
+    return level + lag_of(rig, name) * slope if name.endswith("temperature") else level
