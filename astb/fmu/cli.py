@@ -13,7 +13,11 @@ _VERSIONS: Final = ("2", "3")
 
 @click.group("fmu")
 def fmu_command() -> None:
-    """Export springs, bench or car as FMUs for co-simulation."""
+    """Export springs, bench or car as FMUs for co-simulation.
+
+    The libraries for Windows are tested with Wine only. No FMU was tried on Windows itself, or in Simpack, Dymola or
+    OMSimulator.
+    """
 
 
 def _options(command: Callable[..., None]) -> Callable[..., None]:
@@ -52,7 +56,7 @@ def _options(command: Callable[..., None]) -> Callable[..., None]:
 def spring_command(**given: Any) -> None:
     """Export both air springs with their valves.
 
-    The export needs a C compiler. The FMU needs neither Python nor ASTB.
+    The export needs a C compiler, and mingw-w64 for Windows. The FMU needs neither Python nor ASTB.
     """
     _write("spring", **given)
 
@@ -82,7 +86,7 @@ def car_command(**given: Any) -> None:
 
 
 def _write(kind: str, *, out: Path, fmi: str, native: bool, **sets: Any) -> None:
-    from astb.fmu.export import ExportError, write_unit
+    from astb.fmu.export import WINDOWS, ExportError, platforms, write_unit
     from astb.fmu.models import unit_of
     from bench_sim.parameters import ParameterError
 
@@ -97,3 +101,11 @@ def _write(kind: str, *, out: Path, fmi: str, native: bool, **sets: Any) -> None
     except OSError as error:
         blocked(f"{out} cannot be written: {error.strerror}")
     click.echo(f"{out}: FMI {fmi}.0, {token}")
+    made = platforms()
+    for system in made:
+        click.echo(f"  {system.name}: built, not tried on this machine")
+    if WINDOWS not in made:
+        click.echo(
+            f"  {WINDOWS.name}: missing; on an x86-64 machine, install its compiler by "
+            "`apt-get install gcc-mingw-w64-x86-64` and export again"
+        )

@@ -6,8 +6,9 @@ import platform
 import shutil
 import subprocess
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from html import escape
 from importlib.metadata import distribution, version
 from importlib.resources import files
@@ -27,10 +28,50 @@ from bench_protocol.runtime.sources import digest_of
 _BASELINE: Final = {"x86_64": "x86-64", "aarch64": "generic"}
 
 
-def write_object(
-    function: Callable[..., Any], types: tuple[Any, ...], symbol: str, to: Path, *, native: bool
+@dataclass(frozen=True, slots=True)
+class Platform:
+    """An operating system with a processor, for which an FMU contains a library.
+
+    ``name`` and ``fmi2`` are its names in FMI 3.0 and 2.0. ``triple`` is its name in LLVM.
+    """
+
+    name: str
+    fmi2: str
+    triple: str
+    compilers: tuple[str, ...]
+    ending: str
+    flags: tuple[str, ...] = ()
+
+
+_MACHINE: Final = platform.machine()
+_LINUX: Final = Platform(
+    f"{_MACHINE}-linux",
+    "linux64" if _MACHINE == "x86_64" else f"{_MACHINE}-linux",
+    f"{_MACHINE}-unknown-linux-gnu",
+    ("cc", "gcc", "clang"),
+    ".so",
+    ("-fPIC", "-fvisibility=hidden"),
+)
+#: Statically linked, because Windows has no library of the compiler.
+WINDOWS: Final = Platform(
+    "x86_64-windows",
+    "win64",
+    "x86_64-w64-windows-gnu",
+    ("x86_64-w64-mingw32-gcc",),
+    ".dll",
+    ("-static",),
+)
+
+
+def write_objects(
+    function: Callable[..., Any],
+    types: tuple[Any, ...],
+    symbol: str,
+    to: Mapping[Platform, Path],
+    *,
+    native: bool,
 ) -> None:
-    """Compile ``function`` for arguments of these ``types`` as ``symbol``.
+    """Compile ``function`` for arguments of these ``types`` as ``symbol``, for each platform into its file.
 
     It runs on any processor of this architecture; with ``native`` only on processors like this one. Its calling
     convention is numba's: a place for the result, one for the exception, then the arguments, each array as owner,
@@ -53,18 +94,22 @@ def write_object(
     for one in module.functions:
         if not one.is_declaration and one.name != symbol:
             one.linkage = "internal"
-    target = llvm.Target.from_triple(llvm.get_process_triple())
-    cpu = llvm.get_host_cpu_name() if native else _BASELINE.get(platform.machine(), "generic")
+    cpu = llvm.get_host_cpu_name() if native else _BASELINE.get(_MACHINE, "generic")
     features = llvm.get_host_cpu_features().flatten() if native else ""
-    emitter = target.create_target_machine(
-        cpu=cpu, features=features, opt=3, reloc="pic", codemodel="default"
-    )
-    to.write_bytes(emitter.emit_object(module))
+    for system, file in to.items():
+        target = llvm.Target.from_triple(system.triple)
+        emitter = target.create_target_machine(
+            cpu=cpu, features=features, opt=3, reloc="pic", codemodel="default"
+        )
+        # Emission changes a module.
+        mine = module.clone()
+        mine.triple, mine.data_layout = system.triple, str(emitter.target_data)
+        file.write_bytes(emitter.emit_object(mine))
 
 
 #: Supported versions of FMI.
 VERSIONS: Final = (2, 3)
-_FLAGS: Final = ("-O2", "-std=c99", "-fPIC", "-fvisibility=hidden", "-Wall", "-Wextra", "-Werror")
+_FLAGS: Final = ("-O2", "-std=c99", "-Wall", "-Wextra", "-Werror", "-shared", "-Wl,--no-undefined")
 _COMPILED: Final = ("advance", "start")
 
 
@@ -73,13 +118,12 @@ class ExportError(Exception):
 
 
 def write_unit(unit: Unit, to: Path, *, fmi: int, native: bool = False, compiled: Path | None = None) -> str:
-    """Write ``unit`` as an FMU, and return its token (GUID).
+    """Write ``unit`` as an FMU for `platforms`, and return its token (GUID).
 
     It runs on every processor of this architecture unless it is ``native``. ``compiled`` is a folder with the output of
     `compile_code`, which several FMUs can share. Raises `ExportError` or OSError.
     """
-    compiler = _compiler()
-    machine = platform.machine()
+    found = platforms()
     token = _token(unit, fmi)
     description = model_description(unit, fmi=fmi, token=token, version=version("astb"))
     with TemporaryDirectory() as folder:
@@ -87,27 +131,38 @@ def write_unit(unit: Unit, to: Path, *, fmi: int, native: bool = False, compiled
         if compiled is None:
             compile_code(unit.code, place, native=native)
         (place / "model.h").write_text(_header(unit, token), encoding="utf-8")
-        library = _link(compiler, place, compiled or place, unit.code, fmi)
-        # as FMI names platforms
-        where = "linux64" if fmi == 2 and machine == "x86_64" else f"{machine}-linux"
+        libraries = {
+            system: _link(system, compiler, place, compiled or place, unit.code, fmi)
+            for system, compiler in found.items()
+        }
         with zipfile.ZipFile(to, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr("modelDescription.xml", description)
-            archive.write(library, f"binaries/{where}/{library.name}")
+            for system, library in libraries.items():
+                where = system.fmi2 if fmi == 2 else system.name
+                archive.write(library, f"binaries/{where}/{library.name}")
             archive.writestr("documentation/index.html", _page(unit))
             archive.writestr("documentation/licenses/license.txt", _licence())
     return token
 
 
-def _compiler() -> str:
+def platforms() -> Mapping[Platform, str]:
+    """Return the platforms for which FMUs can be made here, with their C compilers.
+
+    Windows is one of them if mingw-w64 is installed. Raises `ExportError` if there is none.
+    """
     if not LINUX:
         raise ExportError(f"FMUs can be made only on Linux; this is {platform.system()}")
-    for name in ("cc", "gcc", "clang"):
-        if found := shutil.which(name):
-            return found
-    raise ExportError(
-        "no C compiler (cc, gcc or clang) was found, which is necessary to make an FMU, but not to run it; install "
-        "one, such as with `apt-get install gcc libc6-dev`"
-    )
+    # numba compiles for this processor, so its code for Windows is for the same one.
+    systems = (_LINUX, WINDOWS) if _MACHINE == "x86_64" else (_LINUX,)
+    found = {
+        one: path for one in systems if (path := next(filter(None, map(shutil.which, one.compilers)), None))
+    }
+    if _LINUX not in found:
+        raise ExportError(
+            "no C compiler (cc, gcc or clang) was found, which is necessary to make an FMU, but not to run it; install "
+            "one, such as with `apt-get install gcc libc6-dev`"
+        )
+    return found
 
 
 def _licence() -> str:
@@ -186,7 +241,10 @@ def _number(value: float) -> str:
 
 
 def compile_code(code: Code, place: Path, *, native: bool = False) -> None:
-    """Compile ``code`` into two object files in the folder ``place``. They contain no number of a parameter set."""
+    """Compile ``code`` into two object files for each of `platforms` in the folder ``place``.
+
+    They contain no number of a parameter set. Raises `ExportError`.
+    """
     import numba
 
     types = numba.types
@@ -197,23 +255,22 @@ def compile_code(code: Code, place: Path, *, native: bool = False) -> None:
         (code.advance, "advance", (number, number, types.int64, rows, row)),
         (code.start, "start", (number, rows, row)),
     ):
-        write_object(
-            function, (*given, *further), f"model_{name}", place / _object(code, name), native=native
-        )
+        objects = {system: place / _object(system, code, name) for system in platforms()}
+        write_objects(function, (*given, *further), f"model_{name}", objects, native=native)
 
 
-def _object(code: Code, function: str) -> str:
-    return f"{code.name}_{function}.o"
+def _object(system: Platform, code: Code, function: str) -> str:
+    return f"{code.name}_{function}.{system.name}.o"
 
 
-def _link(compiler: str, place: Path, compiled: Path, code: Code, fmi: int) -> Path:
+def _link(system: Platform, compiler: str, place: Path, compiled: Path, code: Code, fmi: int) -> Path:
     sources = files("astb.fmu").joinpath("c")
     written = "unit.c", f"fmi{fmi}.c", code.checks
     for name in ("unit.h", *written):
         (place / name).write_bytes(sources.joinpath(name).read_bytes())
-    library = place / f"{code.name}.so"
-    objects = *written, *(str(compiled.resolve() / _object(code, one)) for one in _COMPILED)
-    command = [compiler, *_FLAGS, "-shared", "-Wl,--no-undefined", "-o", library.name, *objects, "-lm"]
+    library = place / f"{code.name}{system.ending}"
+    objects = *written, *(str(compiled.resolve() / _object(system, code, one)) for one in _COMPILED)
+    command = [compiler, *_FLAGS, *system.flags, "-o", library.name, *objects, "-lm"]
     done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise ExportError(

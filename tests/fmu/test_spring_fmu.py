@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from astb.fmu.cli import fmu_command
-from astb.fmu.export import write_unit
+from astb.fmu.export import platforms, write_unit
 from astb.fmu.models.springs import springs
 from astb.fmu.unit import Kind
 from bench_sim.model.algebraic import ALGEBRAICS, Algebraic
@@ -124,7 +124,7 @@ def test_another_tool_finds_no_fault(spring_fmus, isolated, version):
 def test_the_library_does_not_link_python(spring_fmus, bench_fmus, car_fmus, tmp_path, name, version):
     fmu = {"spring": spring_fmus, "bench": bench_fmus, "car": car_fmus}[name][version]
     with zipfile.ZipFile(fmu) as archive:
-        (library,) = (one for one in archive.namelist() if one.startswith("binaries/"))
+        (library,) = (one for one in archive.namelist() if one.endswith(".so"))
         archive.extract(library, tmp_path)
     linked = subprocess.run(["ldd", tmp_path / library], capture_output=True, text=True, check=True).stdout
     assert {line.split()[0].split("/")[-1].split(".")[0] for line in linked.splitlines()} <= {
@@ -278,7 +278,7 @@ def test_memory_is_its_own(spring_fmus, bench_fmus, car_fmus, tmp_path, name):
         pytest.skip("no valgrind here")
     fmu = {"spring": spring_fmus, "bench": bench_fmus, "car": car_fmus}[name][2]
     with zipfile.ZipFile(fmu) as archive:
-        (library,) = (one for one in archive.namelist() if one.startswith("binaries/"))
+        (library,) = (one for one in archive.namelist() if one.endswith(".so"))
         archive.extract(library, tmp_path)
         description = ElementTree.fromstring(archive.read("modelDescription.xml"))
     names = [one.get("name") for one in description.iter("ScalarVariable")]
@@ -321,6 +321,17 @@ def test_without_a_compiler_it_says_what_to_install(tmp_path, monkeypatch):
     assert "no C compiler (cc, gcc or clang) was found" in done.output
     assert "apt-get install gcc libc6-dev" in done.output
     assert not to.exists()
+
+
+def test_without_a_compiler_for_windows_the_rest_is_exported(tmp_path, monkeypatch):
+    (tmp_path / "cc").symlink_to(shutil.which("cc") or pytest.skip("no C compiler"))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert [one.ending for one in platforms()] == [".so"]
+    monkeypatch.setattr("astb.fmu.export.write_unit", lambda *given, **options: "{token}")
+    done = CliRunner().invoke(fmu_command, ["spring", "--out", str(tmp_path / "spring.fmu")])
+    assert done.exit_code == 0
+    assert "x86_64-windows: missing" in done.output
+    assert "apt-get install gcc-mingw-w64-x86-64" in done.output
 
 
 def test_every_parameter_of_a_law_is_one_of_the_fmu():

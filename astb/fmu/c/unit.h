@@ -8,7 +8,11 @@
 
 #include "model.h"
 
+#ifdef _WIN32
+#define EXPORT __declspec(dllexport)
+#else
 #define EXPORT __attribute__((visibility("default")))
+#endif
 
 enum { OK = 0, WARNING = 1, DISCARD = 2, ERROR = 3 };
 enum { INSTANTIATED, INITIALIZING, STEPPING, ENDED };
