@@ -76,7 +76,9 @@ class RigFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     can: Can = Can()
     modbus: Modbus = Modbus()
     simulation: Simulation | None = None
-    amplitude_control: bool = False  #: repeat waves with a corrected command until their amplitude is reached
+    amplitude_control: bool = (
+        False  #: repeat waves and tracks with a corrected command until they are reached
+    )
     like: str = ""  #: name or path of the rig from which it inherits the files that its folder lacks
     # Paths of its other files, which `read` finds; as keys of the file they are a form of version 0.1.
     instruments: str = ""

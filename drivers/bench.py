@@ -53,7 +53,7 @@ class Bench(Link):
         "about": "What records say of where this bench is from, by keyword.",
         "action": "The coils: `bench.action.program_stop()`.",
         "air": "The valves of both springs.",
-        "amplitude_control": "Whether plans correct the command of a wave until its amplitude is reached.",
+        "amplitude_control": "Whether plans correct the command of a wave or track until its amplitude is reached.",
         "car": "A car that the rig computes in its tick.",
         "closing": "What else ends with this bench: a context stack that `close` closes.",
         "control": "The bits of the Control message.",

@@ -1,16 +1,18 @@
-"""Waves under amplitude control, and their tables in the report."""
+"""Motions under amplitude control, and their tables in the report."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
-from bench_protocol.units import mm
+from bench_protocol.units import FACTORS, mm, mrad
 from bench_records.curves import Axis, Curve, curve
+
+TRACK: Final = "track"
 
 
 class Driven(NamedTuple):
-    """A wave under amplitude control; amplitudes in m."""
+    """A wave, or an octave of a track, under amplitude control; amplitudes in m or rad, of a track rms."""
 
     axis: str
     wave: str
@@ -19,24 +21,39 @@ class Driven(NamedTuple):
     command: float
     reached: float
     repetitions: int
+    phase: float | None = None  #: of the reached against the wanted motion (rad)
+
+    @property
+    def title(self) -> str:
+        """The group of its curves."""
+        of = f" of {self.wanted / mm:g} mm" if self.wave != TRACK else ", rms in octaves"
+        return f"Amplitude control: {self.axis} {self.wave}{of}"
 
 
 def drive_curves(driven: Iterable[Driven]) -> list[Curve]:
     """Return the tables of the report: commanded and reached amplitude and repetitions over frequency."""
-    kinds: dict[tuple[str, str, float], dict[float, Driven]] = {}
+    kinds: dict[str, dict[float, Driven]] = {}
     for one in driven:
-        kinds.setdefault((one.axis, one.wave, one.wanted), {})[one.frequency] = one
-    frequency, length, count = Axis("frequency", "Hz"), Axis("amplitude", "mm", mm), Axis("repetitions", "")
+        kinds.setdefault(one.title, {})[one.frequency] = one
+    frequency, count, angle = (
+        Axis("frequency", "Hz"),
+        Axis("repetitions"),
+        Axis("phase", "deg", FACTORS["deg"]),
+    )
     found = []
-    for (axis, wave, wanted), by_frequency in kinds.items():
+    for group, by_frequency in kinds.items():
         waves = [one for _, one in sorted(by_frequency.items())]
-        group = f"Amplitude control: {axis} {wave} of {wanted / mm:g} mm"
-        for name, y, values in (
-            ("commanded", length, [one.command for one in waves]),
-            ("reached", length, [one.reached for one in waves]),
-            ("repetitions", count, [float(one.repetitions) for one in waves]),
-        ):
-            xs = [one.frequency for one in waves]
-            place = group if y is length else f"{group}, repetitions"
-            found.append(curve(name, frequency, y, xs, values, group=place))
+        xs = [one.frequency for one in waves]
+        unit = ("mrad", mrad) if waves[0].axis.endswith("roll") else ("mm", mm)
+        length = Axis("amplitude", *unit)
+        tables = [
+            ("commanded", length, group, [one.command for one in waves]),
+            ("reached", length, group, [one.reached for one in waves]),
+            ("repetitions", count, f"{group}, repetitions", [float(one.repetitions) for one in waves]),
+        ]
+        if waves[0].wave == TRACK:
+            tables.insert(0, ("wanted", length, group, [one.wanted for one in waves]))
+            phases = [one.phase or 0.0 for one in waves]
+            tables.append(("phase", angle, f"{group}, phase", phases))
+        found += [curve(name, frequency, y, xs, values, group=place) for name, y, place, values in tables]
     return found

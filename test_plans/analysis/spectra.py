@@ -45,6 +45,11 @@ class Spectra:
     xy: npt.NDArray[np.complex128]
     averages: float
 
+    def rms(self, low: float, high: float) -> float:
+        """Return the root mean square of x over a band (Hz)."""
+        lines = (self.frequency >= low) & (self.frequency <= high)
+        return float(np.sqrt(self.xx[lines].sum() * self.frequency[1]))
+
     def between(self, low: float, high: float) -> Transfer:
         """Return y/x over a band (Hz): least squares over all its lines, H = Σ S_xy / Σ S_xx."""
         lines = (self.frequency >= low) & (self.frequency <= high)

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from bench_protocol.units import FACTORS, m, mm, mrad, ms, s
 from bench_records.curves import Axis
 from drivers.errors import Misuse, NotAvailable
+from drivers.receiver import Capture
 from test_plans import steps
 from test_plans.analysis import HEIGHTS, PRESSURES, SHEAR_CELLS, VERTICAL_CELLS, NotMeasured, Samples
 from test_plans.analysis.cells import CELLS, CELLS_ACROSS
@@ -37,6 +38,7 @@ from test_plans.plans.stochastic_crosswind import (
 )
 from test_plans.preconditions import ConditionResult, Precondition, on_the_bench
 from test_plans.run import Run
+from test_plans.steps.amplitude import LATEST, continuous, controlled_track
 from test_plans.steps.carrying import FREE_SIDEWAYS
 from test_plans.steps.fittings import leave_connected
 from test_plans.steps.stop_travel import blown, shaken
@@ -55,8 +57,6 @@ WAVES: Final = (3 * m, 70 * m)
 WAYS: Final = ("platform.vertical", "platform.lateral", "platform.roll")
 READ: Final = (*POSE_SIGNALS, *WAYS[:2], *SHEAR_CELLS, *VERTICAL_CELLS, *PRESSURES)
 BEFORE: Final = 2 * s
-#: Largest delay of the platform.
-LATEST: Final = 0.5 * s
 #: Allowed difference from the requested motion, rms, as a fraction: set-points 20 ms apart, lag and noise.
 BESIDE_MOST: Final = 0.1
 #: Motions with a smaller rms are within the resolution of the transducer (m, rad).
@@ -198,17 +198,18 @@ def track_record(
     70 m. These are refused before anything moves: a motion beyond the travel or speed of the platform, and a wind that
     takes the bolster to its bump stop.
 
+    A rig with amplitude control repeats the track with a corrected command, at most three times, until the motion of
+    the platform is right within 1 %.
+
     The run passes if the platform follows the record, and if the bolster stays clear of its bump stop. The vertical
     stiffness of the springs over frequency is recorded. Its limits hold only for the motion for which they were stated:
     on ERRI-low at 95 to 105 km/h, the vertical stiffness and loss angle between 0.5 and 2 Hz are judged by the limits
     of `stochastic_crosswind`.
     """
     times, moves = excitation(read(track), speed, duration, wind)
+    controlled_axes = [name for name in WAYS if name in moves and np.std(moves[name]) >= LEAST]
     with run.phase("track"):
-        with run.bench.capture(*READ) as capture:
-            run.bench.wait(BEFORE)
-            run.bench.waveform.run(times, moves)
-            run.bench.wait(LATEST)
+        capture = controlled_track(run, times, moves, controlled_axes, BEFORE, partial(_once, run, times))
         at, values = capture.aligned(RATE)
     at = at - BEFORE
     if not all(np.isfinite(values[name]).all() for name in READ):
@@ -230,6 +231,15 @@ def track_record(
         keep_stiffness(run, load, "vertical", upright(shaken, run.rig, values))
 
 
+def _once(run: Run, times: Samples, moves: Mapping[str, Samples]) -> Capture:
+    """Run set-points (SI, (n,)) at ``times`` (s, (n,)); return the readings, from `BEFORE` the start."""
+    with run.bench.capture(*READ) as capture:
+        run.bench.wait(BEFORE)
+        run.bench.waveform.run(times, moves)
+        run.bench.wait(LATEST)
+    return capture
+
+
 def _compare(run: Run, name: str, at: Samples, values: Values, times: Samples, way: Samples) -> None:
     """Check the motion of the platform against the commanded ``way`` (n,) at ``times`` (n,), and record both."""
     played = (at >= 0.0) & (at <= times[-1])
@@ -240,8 +250,11 @@ def _compare(run: Run, name: str, at: Samples, values: Values, times: Samples, w
         run.not_available([BESIDE.of(way=shown)], f"it moves by {few}, less than its transducer resolves")
         return
 
+    # Straight lines are the motion without amplitude control: those between set-points.
+    way_at = continuous(times, way) if run.bench.amplitude_control else partial(np.interp, xp=times, fp=way)
+
     def left(late: float, read: Samples) -> Samples:
-        apart = (read - np.interp(at - late, times, way))[played]
+        apart = (read - way_at(at - late))[played]
         return np.asarray(apart - apart.mean())
 
     delays = np.arange(0.0, LATEST, 0.1 / RATE)

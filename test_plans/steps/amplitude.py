@@ -1,21 +1,27 @@
-"""Amplitude control: a wave is repeated with a corrected command until the motion has the wanted amplitude.
+"""Amplitude control: a motion is repeated with a corrected command until it has the wanted amplitude.
 
-The command is multiplied by wanted over reached amplitude. One repetition is exact for a linear axis, whose gain at a
-frequency does not depend on the amplitude.
+The command is multiplied by wanted over reached amplitude: a number for a wave, the inverse of the measured transfer
+function for a track. One repetition is exact for a linear axis, whose gain at a frequency does not depend on the
+amplitude.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from math import pi
-from typing import TYPE_CHECKING, Final
+from collections.abc import Callable, Mapping, Sequence
+from math import pi, sqrt
+from typing import TYPE_CHECKING, Final, Generic, NamedTuple, TypeVar
 
-from bench_protocol.units import mm
+import numpy as np
+import numpy.typing as npt
+
+from bench_protocol.units import Hz, mm, ms, s
 from drivers.errors import Misuse, Refused
 from test_plans.analysis import Samples, Wave
-from test_plans.driven import Driven
+from test_plans.analysis.spectra import Spectra, spectra
+from test_plans.driven import TRACK, Driven
 
 if TYPE_CHECKING:
+    from drivers.receiver import Capture
     from test_plans.run import Run
 
 #: Largest relative error of an amplitude, and the number of repetitions to reach it.
@@ -26,8 +32,33 @@ MOST: Final = 1.5
 #: Amplitude of the first harmonic over that of the wave.
 _FIRST_HARMONIC: Final = {"sine": 1.0, "triangle": 8 / pi**2}
 _PROGRAM: Final = "generator.amplitude"
+#: Largest delay of a track, and the interval in which it is searched.
+LATEST: Final = 0.5 * s
+_LATE_STEP: Final = 2 * ms
+#: Length of a segment of the spectra of a track, and width of the bands of its transfer function.
+_SEGMENT: Final = 4 * s
+_BAND: Final = 0.5 * Hz
+#: Octaves of a track are judged from here up to this part of half the sampling rate, if they have this share of it.
+_SLOWEST: Final = 0.25 * Hz
+_FASTEST: Final = 0.85
+_SHARE: Final = 0.02
+#: Points for each step of a track, so that straight lines between them lose less than 0.1 % at 10 Hz.
+_FINER: Final = 16
 
 Moved = tuple[Samples, dict[str, Samples]]
+Offsets = Mapping[str, Samples]
+Way = Callable[[Samples], Samples]
+Command = TypeVar("Command")
+Motion = TypeVar("Motion")
+
+
+class Answer(NamedTuple, Generic[Command]):
+    """The assessment of a motion, and the command for its repetition; None if it would be the same."""
+
+    done: bool
+    corrected: Command | None
+    reached: str
+    correction: str
 
 
 def controlled(
@@ -49,29 +80,179 @@ def controlled(
         return once(wanted)
     key = (axis, wave, frequency, wanted)
     known = [one.command for one in run.driven if one[:4] == key]
-    command = known[-1] if known else wanted
     most = min(MOST * wanted, max(wanted, float(run.bench.table[_PROGRAM].high)))
-    moved, repetition = once(command), 0
-    while True:
-        reached = abs(harmonic_of(*moved)) / _FIRST_HARMONIC[wave]
+
+    def reached_by(moved: Moved) -> float:
+        return abs(harmonic_of(*moved)) / _FIRST_HARMONIC[wave]
+
+    def answer(command: float, moved: Moved) -> Answer[float]:
+        reached = reached_by(moved)
         corrected = min(command * wanted / reached, most) if reached else command
-        done = abs(reached / wanted - 1.0) <= WITHIN
-        if done or corrected == command or repetition == REPETITIONS:
-            break
-        run.say(
-            f"{axis} {wave} of {frequency:g} Hz reached {reached / mm:.3g} of {wanted / mm:.3g} mm: "
-            f"repeated with {corrected / mm:.3g} mm"
+        return Answer(
+            abs(reached / wanted - 1.0) <= WITHIN,
+            None if corrected == command else corrected,
+            f"{reached / mm:.3g} of {wanted / mm:.3g} mm",
+            f"{corrected / mm:.3g} mm",
         )
-        try:
-            moved = once(corrected)
-        except (Misuse, Refused) as error:  # before it moves: a limit of the rig
-            run.say(f"{axis} {wave} of {frequency:g} Hz: the rig refuses {corrected / mm:.3g} mm: {error}")
-            break
-        command, repetition = corrected, repetition + 1
-    run.driven.append(Driven(*key, command, reached, repetition))
-    if not done:
+
+    name = f"{axis} {wave} of {frequency:g} Hz"
+    moved, command, found, repetitions = _repeat(run, name, known[-1] if known else wanted, once, answer)
+    run.driven.append(Driven(*key, command, reached_by(moved), repetitions))
+    if not found.done:
         run.warn(
-            f"{axis} {wave} of {frequency:g} Hz: the amplitude is {reached / mm:.3g} mm instead of "
-            f"{wanted / mm:.3g} mm, with a command of {command / mm:.3g} mm after {repetition} repetitions"
+            f"{name}: the amplitude is {found.reached}, with a command of {command / mm:.3g} mm after "
+            f"{repetitions} repetitions"
         )
     return moved
+
+
+def _repeat(
+    run: Run,
+    name: str,
+    command: Command,
+    once: Callable[[Command], Motion],
+    answer: Callable[[Command, Motion], Answer[Command]],
+) -> tuple[Motion, Command, Answer[Command], int]:
+    """Repeat a motion with its corrected command; return the last one, its command, answer, and repetitions."""
+    moved, repetition = once(command), 0
+    while True:
+        found = answer(command, moved)
+        if found.done or found.corrected is None or repetition == REPETITIONS:
+            break
+        run.say(f"{name} reached {found.reached}: repeated with {found.correction}")
+        try:
+            moved = once(found.corrected)
+        except (Misuse, Refused) as error:  # before it moves: a limit of the rig
+            run.say(f"{name}: the rig refuses {found.correction}: {error}")
+            break
+        command, repetition = found.corrected, repetition + 1
+    return moved, command, found, repetition
+
+
+class Followed(NamedTuple):
+    """Spectra of the motion of a track on one axis: over the track, and over its command, both delayed as it is."""
+
+    axis: str
+    by_track: Spectra
+    by_command: Spectra
+
+    def octaves(self) -> dict[tuple[float, float], complex]:
+        """Return the reached over the wanted motion in each octave (Hz, from and to) that the track has."""
+        highest = float(self.by_track.frequency[-1])
+        count = int(np.log2(_FASTEST * highest / _SLOWEST))
+        bands = [(_SLOWEST * 2**k, _SLOWEST * 2 ** (k + 1)) for k in range(count)]
+        least = _SHARE * self.by_track.rms(0.0, highest)
+        return {
+            band: self.by_track.between(*band).value for band in bands if self.by_track.rms(*band) >= least
+        }
+
+    def inverse(self, frequency: Samples) -> npt.NDArray[np.complex128]:
+        """Return the inverse of the transfer function from command to motion at ``frequency`` (Hz, (n,)).
+
+        The transfer function of a band differs from 1 only as far as its uncertainty permits, so that noise is not
+        corrected.
+        """
+        middles = np.arange(_BAND, _FASTEST * self.by_command.frequency[-1], _BAND)
+        found = []
+        for middle in middles.tolist():
+            one = self.by_command.between(middle - 0.5 * _BAND, middle + 0.5 * _BAND)
+            apart = one.value - 1.0
+            found.append(1.0 + apart * abs(apart) ** 2 / (abs(apart) ** 2 + one.uncertainty**2))
+        transfer = np.interp(frequency, middles, np.array(found))
+        return np.asarray(1.0 / (transfer * np.maximum(1.0, 1.0 / (MOST * np.abs(transfer)))))
+
+
+def controlled_track(
+    run: Run,
+    times: Samples,
+    wanted: Offsets,
+    axes: Sequence[str],
+    before: float,
+    once: Callable[[Offsets], Capture],
+) -> Capture:
+    """Return the capture of a track that ``once`` runs with a command: offsets (SI, (n,)) at ``times`` (s, (n,)).
+
+    If the rig requires amplitude control, the track is repeated until the motion of each of the ``axes`` is ``wanted``
+    within 1 % in each octave, in amplitude and phase (0.01 rad), at most three times. A delay that all axes have in
+    common is no error. The capture begins ``before`` (s) the track. The command of a frequency is at most 1.5 times the
+    track, and a command beyond the limits of the rig is not used.
+    """
+    if not (run.bench.amplitude_control and axes):
+        return once(wanted)
+
+    def answer(command: Offsets, moved: Capture) -> Answer[Offsets]:
+        followed = _followed(times, wanted, command, axes, before, moved)
+        wrong = [
+            f"{_spoken(one.axis)} {low:g} to {high:g} Hz {abs(ratio):.1%} at {np.angle(ratio, deg=True):+.1f}°"
+            for one in followed
+            for (low, high), ratio in one.octaves().items()
+            if abs(ratio - 1.0) > WITHIN
+        ]
+        corrected = {one.axis: _filtered(times, wanted[one.axis], one) for one in followed}
+        return Answer(not wrong, {**command, **corrected}, ", ".join(wrong), "the inverse transfer function")
+
+    moved, command, found, repetitions = _repeat(run, TRACK, wanted, once, answer)
+    for one in _followed(times, wanted, command, axes, before, moved):
+        for band, ratio in one.octaves().items():
+            track, sent = one.by_track.rms(*band), one.by_command.rms(*band)
+            place = _spoken(one.axis), TRACK, sqrt(band[0] * band[1])
+            run.driven.append(
+                Driven(*place, track, sent, abs(ratio) * track, repetitions, float(np.angle(ratio)))
+            )
+    if not found.done:
+        run.warn(f"{TRACK}: after {repetitions} repetitions, the motion over the track is {found.reached}")
+    return moved
+
+
+def _spoken(axis: str) -> str:
+    return axis.replace(".", " ")
+
+
+def _followed(
+    times: Samples, wanted: Offsets, command: Offsets, axes: Sequence[str], before: float, moved: Capture
+) -> list[Followed]:
+    """Return the spectra of each axis, from the samples at their own times: interpolation would smooth them."""
+    seen = {}
+    for name in axes:
+        at, values = moved.times(name) - before, moved.values(name)
+        played = (at >= 0.0) & (at <= times[-1])
+        seen[name] = at[played], values[played] - values[at < 0.0].mean()
+    late = _common_delay({name: continuous(times, wanted[name]) for name in axes}, seen)
+
+    def spectra_of(name: str, way: Samples) -> Spectra:
+        at, motion = seen[name]
+        rate = (at.size - 1) / float(at[-1] - at[0])
+        return spectra(continuous(times, way)(at - late), motion, rate, segment=_SEGMENT)
+
+    return [Followed(name, spectra_of(name, wanted[name]), spectra_of(name, command[name])) for name in axes]
+
+
+def _common_delay(wanted: Mapping[str, Way], seen: Mapping[str, tuple[Samples, Samples]]) -> float:
+    """Return the delay (s) with the least sum of squares of the relative deviations of all axes."""
+    delays = np.arange(0.0, LATEST, _LATE_STEP)
+    squares = np.zeros_like(delays)
+    for name, (at, motion) in seen.items():
+        way_at = wanted[name]
+        left = [np.sum((motion - way_at(at - late)) ** 2) for late in delays.tolist()]
+        squares += np.array(left) / np.sum(motion**2)
+    k = int(np.clip(np.argmin(squares), 1, delays.size - 2))
+    low, least, high = squares[k - 1 : k + 2]
+    return float(delays[k] + 0.5 * _LATE_STEP * (low - high) / (low - 2.0 * least + high))
+
+
+def continuous(times: Samples, way: Samples) -> Way:
+    """Return the smooth function of time (s) through a ``way`` (n,) at equally spaced ``times`` from 0 on.
+
+    The way begins and ends at 0, as the function does beyond them. Straight lines would reduce fast motions.
+    """
+    fine = _FINER * np.fft.irfft(np.fft.rfft(way), _FINER * way.size)
+    places = np.arange(fine.size) * (times[1] / _FINER)
+    return lambda at: np.asarray(np.interp(at, places, fine, 0.0, 0.0))
+
+
+def _filtered(times: Samples, way: Samples, followed: Followed) -> Samples:
+    """Return the command whose motion is the ``way`` (n,); it begins and ends at 0."""
+    size = 2 * way.size
+    lines = np.fft.rfft(way, size) * followed.inverse(np.asarray(np.fft.rfftfreq(size, times[1])))
+    found = np.fft.irfft(lines, size)[: way.size]
+    return np.asarray(found - np.linspace(found[0], found[-1], found.size))

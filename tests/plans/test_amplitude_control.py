@@ -1,4 +1,4 @@
-"""Under amplitude control the motion of a wave has the wanted amplitude within 1 %, after at most three repetitions."""
+"""Under amplitude control a motion has the wanted amplitude within 1 %, after at most three repetitions."""
 
 import json
 from math import tau
@@ -10,14 +10,16 @@ from click.testing import CliRunner
 
 from astb.cli import commands
 from bench_protocol.table import TABLE
-from bench_protocol.units import mm
+from bench_protocol.units import mm, ms
 from drivers.errors import Misuse
 from test_plans.analysis import first_harmonic
 from test_plans.driven import Driven
-from test_plans.steps.amplitude import MOST, controlled
+from test_plans.steps.amplitude import MOST, controlled, controlled_track
+from test_plans.steps.wind import fade, random_process
 
 FREQUENCY, WANTED = 2.0, 5 * mm
 TIMES = np.arange(0.0, 2.0, 0.005)
+LAGS = {"platform.vertical": 12 * ms, "platform.lateral": 20 * ms}
 
 
 class FakeRun:
@@ -92,6 +94,103 @@ def test_a_rig_without_amplitude_control_gets_the_wanted_command_once():
     run = FakeRun(lambda command: 0.9 * command, controls=False)
     run.wave()
     assert run.commands == [WANTED] and run.driven == []
+
+
+class FakeTable(FakeRun):
+    """A run on a platform with first-order lags, noise and a delay of 53 ms, read between its set-points."""
+
+    STEP, BEFORE, DELAY = 0.02, 2.0, 53 * ms
+
+    def __init__(self, *, gain=1.0, lags=LAGS, noise=4e-6, refuses=False, controls=True) -> None:
+        super().__init__(None, controls=controls)
+        self.gain, self.lags, self.size, self.refuses = gain, lags, noise, refuses
+        self.times = self.STEP * np.arange(1401)
+        self.noise = np.random.default_rng(2)
+        frequency = np.fft.rfftfreq(self.times.size, self.STEP)
+        density = np.where((frequency > 0.3) & (frequency < 7.5), 1e-6 / np.maximum(frequency, 0.3) ** 2, 0.0)
+        draws = np.random.default_rng(1)
+        self.wanted = {name: fade(self.times) * random_process(self.times, density, draws) for name in LAGS}
+
+    def transfer(self, name, frequency):
+        return self.gain / (1 + 1j * tau * frequency * self.lags[name])
+
+    def once(self, command):
+        self.commands.append(command)
+        if self.refuses and len(self.commands) > 1:
+            raise Misuse("beyond a limit")
+        size, readings = 4096, {}
+        frequency = np.fft.rfftfreq(size, self.STEP)
+        for name, way in command.items():
+            late = self.transfer(name, frequency) * np.exp(-1j * tau * frequency * (self.DELAY - 7 * ms))
+            motion = np.fft.irfft(np.fft.rfft(way, size) * late, size)[: way.size]
+            still = np.zeros(round(self.BEFORE / self.STEP))
+            readings[name] = np.concatenate([still, motion])
+            readings[name] += self.size * self.noise.standard_normal(readings[name].size)
+        at = self.STEP * np.arange(readings[name].size) + 7 * ms
+        return SimpleNamespace(times=lambda name: at, values=readings.get)
+
+    def track(self):
+        return controlled_track(self, self.times, self.wanted, list(LAGS), self.BEFORE, self.once)
+
+    def over_closed_form(self, command, advance):
+        """The least-squares ratio of command to closed form, ``advance`` s earlier, of each axis and octave."""
+        frequency, found = np.fft.rfftfreq(self.times.size, self.STEP), []
+        for name, way in self.wanted.items():
+            closed = (
+                np.fft.rfft(way) / self.transfer(name, frequency) * np.exp(-1j * tau * frequency * advance)
+            )
+            for low in (0.5, 1.0, 2.0, 4.0):
+                octave = (frequency >= low) & (frequency < min(2 * low, 7.5))
+                of = closed[octave]
+                found.append(np.vdot(of, np.fft.rfft(command[name])[octave]) / np.vdot(of, of).real)
+        return np.array(found)
+
+
+def test_the_command_of_a_track_is_that_of_the_inverse_transfer_function():
+    """Amplitude and phase of each octave within 0.5 %, at one and the same delay of both axes."""
+    run = FakeTable()
+    run.track()
+    assert 1 <= len(run.commands) - 1 <= 3 and not run.warnings
+    apart = [
+        np.abs(run.over_closed_form(run.commands[-1], late) - 1).max() for late in np.arange(0, 30 * ms, 1e-4)
+    ]
+    assert min(apart) < 5e-3
+    first = [np.abs(run.over_closed_form(run.wanted, late) - 1).max() for late in np.arange(0, 30 * ms, 1e-3)]
+    assert min(first) > 0.1, "a command that was not corrected would pass"
+    for one in run.driven:
+        assert one.reached == pytest.approx(one.wanted, rel=0.01) and abs(one.phase) <= 0.01
+
+
+def test_noise_of_the_readings_does_not_enter_the_command():
+    """7 % of noise on a platform without error: the command of each repetition stays within 1 % of the track."""
+    run = FakeTable(lags=dict.fromkeys(LAGS, 0.0), noise=1e-4)
+    run.track()
+    assert len(run.commands) > 1, "the noise is too small for this test"
+    for command in run.commands[1:]:
+        for name, way in run.wanted.items():
+            assert np.std(command[name] - way) < 0.01 * np.std(way)
+
+
+def test_the_command_of_a_track_is_bounded_and_a_missed_amplitude_is_a_warning():
+    run = FakeTable(gain=0.5)
+    run.track()
+    assert len(run.warnings) == 1
+    for name, way in run.wanted.items():
+        assert run.commands[-1][name].std() == pytest.approx(MOST * way.std(), rel=0.01)
+        assert run.commands[-1][name][0] == run.commands[-1][name][-1] == 0.0
+
+
+def test_a_track_that_the_rig_refuses_keeps_the_motion_before():
+    run = FakeTable(gain=0.8, refuses=True)
+    found = run.track().values("platform.vertical")
+    assert found.std() < 0.85 * run.wanted["platform.vertical"].std()
+    assert {one.repetitions for one in run.driven} == {0} and len(run.warnings) == 1
+
+
+def test_a_rig_without_amplitude_control_gets_the_track_once():
+    run = FakeTable(gain=0.8, controls=False)
+    run.track()
+    assert run.commands == [run.wanted] and run.driven == []
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from astb.rehearsal.rehearsing import rehearse
 from astb.rig_file import RigFile, Simulation
 from bench_protocol.units import m, mm, mrad, s
 from bench_records.record import read as read_record
-from bench_records.result import CheckVerdict, Outcome
+from bench_records.result import CheckVerdict, Outcome, read_result
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.instruments import ordinary
@@ -244,6 +244,83 @@ def test_the_platform_runs_the_file_through_the_wires(judged, line, tmp_path):
     calm = (times > phase.start) & (times < begin)
     blown = force[windy].mean() - force[calm].mean()
     assert blown == pytest.approx(side_force(4.0, 20.0), rel=0.02)
+
+
+def tables(result, way):
+    """The tables of amplitude control of one way, by name; frequencies as ``at``."""
+    found = [one for one in result.curves if one.group.startswith(f"Amplitude control: platform {way}")]
+    return {one.name: np.array(one.ys) for one in found} | {"at": np.array(found[0].xs)}
+
+
+def within_one_percent(result):
+    for way in ("vertical", "lateral"):
+        of = tables(result, way)
+        np.testing.assert_allclose(of["reached"], of["wanted"], rtol=0.01, err_msg=way)
+        assert np.abs(of["phase"]).max() <= 0.01, way
+        assert of["repetitions"].max() <= 3
+    assert not [told for told in result.warnings if told.startswith("track")]
+
+
+@slow
+def test_amplitude_control_sends_the_closed_form_of_the_platform_and_that_by_hand(
+    judged, bench_composed, tmp_path
+):
+    """Octave by octave within 1 %: the inverse of the pulse transfer function, and wanted² over reached of a plain run.
+
+    Straight lines between set-points, the second order of the platform and the lag of its transducer, read at the
+    interval h of the set-points: H(f) = Σ sinc²(νh) G(ν) L(ν), ν = f + k/h.
+    """
+    own, damping, step = 15.0, 0.7, 0.02
+    plan = plans()["track_record"].given({"duration": "60 s"})
+    results = {}
+    for control in (False, True):
+        with bench_composed(platform_frequency=own) as made:
+            made.bench.amplitude_control = control
+            results[control] = execute(plan, made.bench, tmp_path / str(control), rig="virtual", seed=0)
+    result = results[True]
+    within_one_percent(result)
+    record = read_record(tmp_path / "False")
+    phase = next(one for one in record.phases if one.name == "track")
+    times, moves = excitation(drawn(), 100 / 3.6, 60.0, 0.0)
+    lines = np.fft.rfftfreq(times.size, step)
+    nu = lines + np.arange(-20, 21)[:, None] / step
+    ratio = nu / own
+    images = np.sinc(nu * step) ** 2 / (1 - ratio**2 + 2j * damping * ratio) / (1 + 2j * np.pi * nu * 1e-3)
+    closed = np.abs(images.sum(axis=0))
+    for way in ("vertical", "lateral"):
+        of, track = tables(result, way), np.abs(np.fft.rfft(moves[f"platform.{way}"]))
+        at, values = record.series(f"platform.{way}")
+        seen = values[np.searchsorted(at, phase.start + 2 * s) :][: times.size]
+        reached = np.abs(np.fft.rfft(seen - seen[0]))
+        for k, middle in enumerate(of["at"]):
+            octave = (lines >= middle / np.sqrt(2)) & (lines <= middle * np.sqrt(2))
+            power = np.sum(track[octave] ** 2)
+            more = of["commanded"][k] / of["wanted"][k]
+            assert more == pytest.approx(np.sqrt(np.sum((track / closed)[octave] ** 2) / power), rel=0.01)
+            assert more == pytest.approx(np.sqrt(power / np.sum(reached[octave] ** 2)), rel=0.01)
+        assert more > 1.1, "the platform is too good for this test"
+
+
+@slow
+@pytest.mark.parametrize(("made", "speed"), [(VirtualPlc, "50 km/h"), (VirtualYard, "100 km/h")])
+def test_described_rigs_reach_the_amplitude_of_a_track(made, speed, tmp_path):
+    plan = plans()["track_record"].given({"speed": speed})
+    with made(seed=1).bench() as bench:
+        bench.amplitude_control = True
+        result = execute(plan, bench, tmp_path / "out", rig=made.name, seed=1)
+    within_one_percent(result)
+    assert tables(result, "lateral")["repetitions"].max() >= 1
+
+
+@slow
+def test_a_rehearsal_repeats_a_track_under_amplitude_control(tmp_path):
+    plan = plans()["track_record"].given({"duration": "60 s"})
+    rig = RigFile(name="virtual", time="virtual", amplitude_control=True, simulation=Simulation())
+    found, directory = rehearse(plan, rig, Path("virtual.toml"), tmp_path)
+    assert found.refusal is None
+    result = read_result(directory)
+    within_one_percent(result)
+    assert tables(result, "vertical")["repetitions"].max() >= 1
 
 
 @slow
