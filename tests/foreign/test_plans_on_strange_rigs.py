@@ -74,6 +74,17 @@ def test_air_that_stays_is_seen_with_thermometers_of_a_tenth_of_a_kelvin(tmp_pat
 
 
 @slow
+def test_amplitude_control_reaches_the_sines_of_a_described_rig(tmp_path):
+    """A cycle of 50 ms loses up to a tenth of a sine of 3 Hz."""
+    with STRANGE["plant_a"](seed=1).bench() as bench:
+        bench.amplitude_control = True
+        result = execute(plans()["dynamic_stiffness"], bench, tmp_path / "out", rig="plant_a", seed=1)
+    tables = {one.name: one for one in result.curves if one.group.endswith("vertical sine of 5 mm")}
+    np.testing.assert_allclose(tables["reached"].ys, AMPLITUDE, rtol=0.01)
+    assert max(tables["commanded"].ys) > 1.05 * AMPLITUDE
+
+
+@slow
 @pytest.mark.parametrize("name", STRANGE)
 def test_an_unsound_spring_fails_where_it_does_on_our_own_rig(run_on, name):
     own, strange = (run_on(one, "aw0", orifice_diameter=16 * mm) for one in ("own", name))
