@@ -23,6 +23,7 @@ EXTRAS: Final = {
     "fmu": Extra("imported FMUs", ("fmpy",)),
     "mcp": Extra("recorded runs for assistants, by the Model Context Protocol", ("mcp",)),
     "mdf": Extra("measured data in MDF 4", ("asammdf",)),
+    "mqtt": Extra("readings by MQTT", ("aiomqtt",)),
     "opcua": Extra("rigs behind an OPC UA server, and readings by OPC UA", ("asyncua",)),
 }
 

@@ -48,6 +48,12 @@ _LOCAL: Final = "127.0.0.1"
     metavar="PORT",
     help="Also serve the readings by OPC UA on this TCP port, read-only; 0 for any free port.",
 )
+@click.option(
+    "--mqtt",
+    metavar="HOST:PORT",
+    callback=lambda _, __, text: None if text is None else _host_and_port(text),
+    help="Also publish the readings to this MQTT 5 broker.",
+)
 @out_option("Folder for the runs.")
 def panel_command(
     rig_named: str | None,
@@ -56,6 +62,7 @@ def panel_command(
     names: tuple[str, ...],
     seed: int | None,
     opcua: int | None,
+    mqtt: tuple[str, int] | None,
     out: Path,
 ) -> None:
     """Serve a web page that shows and controls a rig.
@@ -98,6 +105,8 @@ def panel_command(
         stack.callback(watch.close)
         if opcua is not None:
             _serve_readings(stack, watch, host, opcua)
+        if mqtt is not None:
+            _publish_readings(stack, watch, *mqtt)
         _serve(
             application(parts, host=host, names=names),
             access,
@@ -120,6 +129,29 @@ def _serve_readings(stack: ExitStack, watch: "Watch", host: str, port: int) -> N
         blocked(f"{error}; choose another port with --opcua")
     stack.callback(server.close)
     click.echo(f"OPC UA:      {server.url}")
+
+
+def _publish_readings(stack: ExitStack, watch: "Watch", host: str, port: int) -> None:
+    """Publish the readings by MQTT until ``stack`` ends."""
+    if not installed("mqtt"):
+        misuse(lacking("mqtt", "readings by MQTT"))
+    from astb.panel.mqtt_publisher import MqttPublisher
+
+    try:
+        publisher = MqttPublisher(watch, host, port, lambda line: click.echo(line, err=True))
+    except BenchError as error:
+        blocked(f"{error}, or name another one with --mqtt")
+    stack.callback(publisher.close)
+    click.echo(f"MQTT:        {publisher.url}")
+
+
+def _host_and_port(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise click.BadParameter(
+            f"{text!r} is not an address of a broker; write HOST:PORT, such as 127.0.0.1:1883"
+        )
+    return host.strip("[]"), int(port)
 
 
 def _serve(app: "ASGIApp", access: "Access", sockets: list[socket.socket], tell: Callable[[], None]) -> None:

@@ -2,21 +2,19 @@
 
 import asyncio
 import logging
-from datetime import UTC, datetime, timedelta
-from math import inf, isfinite, nan
+from math import nan
 from typing import Final
 
 from asyncua import Node, Server, ua
 
+from astb.panel.served_readings import PERIOD, ServedReading, ServedReadings
 from astb.panel.watch import Watch
-from bench_protocol.units import ms, s
+from bench_protocol.units import s
 from drivers.errors import BenchError
-from drivers.reading import Quality, Sample
+from drivers.reading import Quality
 from drivers.wiring.event_loop import EventLoop
 
-_LOG: Final = logging.getLogger(__name__)
 NAMESPACE: Final = "urn:astb:readings"
-PERIOD: Final = 100 * ms
 #: Loading the standard address space takes a second.
 START: Final = 30 * s
 #: OPC UA status code by quality.
@@ -26,7 +24,6 @@ STATUS: Final = {
     Quality.MISSING: "BadWaitingForInitialData",
     Quality.UNAVAILABLE: "BadOutOfService",
 }
-NO_SAMPLE: Final = Sample(nan, inf, Quality.MISSING)
 # The library prints warnings about missing encryption, which this server does not offer.
 logging.getLogger("asyncua").addHandler(logging.NullHandler())
 
@@ -38,7 +35,7 @@ class OpcUaServer:
 
     def __init__(self, watch: Watch, host: str, port: int) -> None:
         self._watch = watch
-        self._fault = ""  #: the last unexpected error of reading
+        self._readings = ServedReadings(watch)
         self._loop = EventLoop("OPC UA server")
         try:
             self._server, self._nodes = self._loop.run(self._start(host, port), START)
@@ -80,16 +77,8 @@ class OpcUaServer:
         return server, nodes
 
     async def _write(self, server: Server, nodes: dict[str, Node]) -> None:
-        try:
-            samples = self._watch.samples()
-        except Exception as error:  # whatever it was: the last values would keep their status
-            if not isinstance(error, BenchError) and repr(error) != self._fault:
-                self._fault = repr(error)  # reported once, not ten times a second
-                _LOG.exception("the readings of %s could not be read", self._watch.rig.name)
-            samples = {}
-        for one in self._watch.shown:
-            sample = samples.get(one.name, NO_SAMPLE)
-            await server.write_attribute_value(nodes[one.name].nodeid, _data(one.of(sample.value), sample))
+        for one in self._readings.now():
+            await server.write_attribute_value(nodes[one.signal.name].nodeid, _data(one))
 
     async def _update(self) -> None:
         while True:
@@ -97,10 +86,10 @@ class OpcUaServer:
             await self._write(self._server, self._nodes)
 
 
-def _data(value: float, sample: Sample) -> ua.DataValue:
-    """Return the ``value`` of a sample in its unit, with status code and time of measurement."""
+def _data(reading: ServedReading) -> ua.DataValue:
+    """Return the value of a reading, with status code and time of measurement."""
     return ua.DataValue(
-        ua.Variant(value, ua.VariantType.Double),
-        StatusCode=ua.StatusCode(getattr(ua.StatusCodes, STATUS[sample.quality])),
-        SourceTimestamp=datetime.now(UTC) - timedelta(seconds=sample.age) if isfinite(sample.age) else None,
+        ua.Variant(reading.value, ua.VariantType.Double),
+        StatusCode=ua.StatusCode(getattr(ua.StatusCodes, STATUS[reading.quality])),
+        SourceTimestamp=reading.time,
     )

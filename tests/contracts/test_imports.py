@@ -37,6 +37,7 @@ RIG = "The rig is sans-IO: only its servers and its SocketCAN interface know soc
 CAN = "python-can belongs to the drivers"
 MODBUS = "pymodbus belongs to drivers.modbus_line and modbus_port"
 DASK = "dask belongs to astb.campaigns"
+MQTT = "aiomqtt belongs to astb.panel.mqtt_publisher"
 OPCUA = "asyncua belongs to drivers.wiring.opcua and astb.panel.opcua_server"
 
 HIDDEN = "def hidden():\n    {}\n"
@@ -103,6 +104,7 @@ SABOTAGE = [
     (MODBUS, "test_plans/__init__.py", HIDDEN.format("import pymodbus")),
     (APART, "astb/__init__.py", HIDDEN.format("import astb.campaigns")),
     (DASK, "studies/astb_studies/paper/__init__.py", HIDDEN.format("from distributed import Client")),
+    (MQTT, "astb/panel/__init__.py", "import paho.mqtt.client"),
     (OPCUA, "drivers/bench.py", HIDDEN.format("import asyncua")),
 ]
 """(the contract that must go red, the file, the line added to it)."""

@@ -1,5 +1,6 @@
 """A panel on a simulated rig with a short plan, and a browser in front of it."""
 
+import math
 import os
 import re
 import select
@@ -29,6 +30,7 @@ from bench_protocol.units import NS
 from bench_records.layout import SignalInfo
 from bench_records.recorder import Recorder
 from bench_records.result import SpecimenFacts, check, conclude
+from drivers.reading import Quality, Sample
 
 ROOT = Path(__file__).parents[2]
 #: Where pictures for the documentation go, if anybody wants them: ASTB_GALLERY=docs/gallery.
@@ -211,6 +213,29 @@ def keep() -> Callable:
 
 RIG = RigFile("test", simulation=Simulation())
 TOKEN = "a token"
+#: One signal of each quality: value and unit in SI, and as served.
+SAMPLES = {
+    "left.height": (Sample(0.0125, 0.03, Quality.GOOD), 12.5, "mm"),
+    "left.bellows_pressure": (Sample(math.nan, 2.0, Quality.STALE), math.nan, "bar"),
+    "left.bellows_temperature": (Sample(math.nan, math.inf, Quality.MISSING), math.nan, "°C"),
+    "lateral.force": (Sample(math.nan, math.inf, Quality.UNAVAILABLE), math.nan, "kN"),
+}
+
+
+class StubWatch(Watch):
+    """A panel's watch that is connected to nothing and has these samples."""
+
+    lost: Exception | None = None
+
+    def samples(self) -> dict[str, Sample]:
+        if self.lost is not None:
+            raise self.lost
+        return {name: sample for name, (sample, *_) in SAMPLES.items()}
+
+
+@pytest.fixture(scope="module")
+def stub_watch(tmp_path_factory) -> StubWatch:
+    return StubWatch(RIG, tmp_path_factory.mktemp("rig") / "rig.toml")
 
 
 class FakeDoor:

@@ -10,42 +10,18 @@ from typing import Any
 import pytest
 from asyncua import Client, Node, ua
 
-from astb.panel.opcua_server import PERIOD, STATUS, OpcUaServer
-from astb.panel.watch import Watch
+from astb.panel.opcua_server import STATUS, OpcUaServer
+from astb.panel.served_readings import PERIOD
 from drivers.errors import BenchError, LinkLost
-from drivers.reading import Quality, Sample
-from tests.panel.conftest import RIG, PanelProcess
+from drivers.reading import Quality
+from tests.panel.conftest import SAMPLES, PanelProcess
 from tests.refusals import refuses
 
-#: One signal of each quality: value and unit in SI, and as served.
-SAMPLES = {
-    "left.height": (Sample(0.0125, 0.03, Quality.GOOD), 12.5, "mm"),
-    "left.bellows_pressure": (Sample(math.nan, 2.0, Quality.STALE), math.nan, "bar"),
-    "left.bellows_temperature": (Sample(math.nan, math.inf, Quality.MISSING), math.nan, "°C"),
-    "lateral.force": (Sample(math.nan, math.inf, Quality.UNAVAILABLE), math.nan, "kN"),
-}
-
-
-class StubWatch(Watch):
-    """A panel's watch that is connected to nothing and has these samples."""
-
-    lost: Exception | None = None
-
-    def samples(self) -> dict[str, Sample]:
-        if self.lost is not None:
-            raise self.lost
-        return {name: sample for name, (sample, *_) in SAMPLES.items()}
-
 
 @pytest.fixture(scope="module")
-def watch(tmp_path_factory) -> StubWatch:
-    return StubWatch(RIG, tmp_path_factory.mktemp("rig") / "rig.toml")
-
-
-@pytest.fixture(scope="module")
-def served(watch) -> Iterator[OpcUaServer]:
+def served(stub_watch) -> Iterator[OpcUaServer]:
     """One server for all tests: it takes a second to start."""
-    server = OpcUaServer(watch, "127.0.0.1", 0)
+    server = OpcUaServer(stub_watch, "127.0.0.1", 0)
     yield server
     server.close()
 
@@ -99,14 +75,14 @@ def test_a_client_reads_value_unit_quality_and_time(served, name):
         assert data.Value.Value is None or math.isnan(data.Value.Value)
 
 
-def test_all_measurements_are_listed(served, watch):
+def test_all_measurements_are_listed(served, stub_watch):
     async def ask(client):
         (folder,) = [
             one for one in await client.nodes.objects.get_children() if one.nodeid.NamespaceIndex == 2
         ]
         return {one.nodeid.Identifier for one in await folder.get_variables()}
 
-    assert answered(served.url, ask) == set(watch.row)
+    assert answered(served.url, ask) == set(stub_watch.row)
 
 
 @pytest.mark.parametrize("user", ["", "admin", "Admin", "root"])
@@ -126,28 +102,28 @@ def test_no_client_writes(served, user):
 
 
 @pytest.mark.parametrize("error", [LinkLost("silent"), KeyError("a fault of our own")])
-def test_a_lost_rig_takes_the_quality_of_its_readings(served, watch, monkeypatch, error):
+def test_a_lost_rig_takes_the_quality_of_its_readings(served, stub_watch, monkeypatch, error):
     """No reading stays good when it can no longer be read, and all are good again afterwards."""
 
     async def ask(client):
         one = node(client, "left.height")
         assert await comes_good(one)
-        monkeypatch.setattr(watch, "lost", error)
+        monkeypatch.setattr(stub_watch, "lost", error)
         for _ in range(50):
             await asyncio.sleep(PERIOD)
             data = await one.read_data_value(raise_on_bad_status=False)
             if not data.StatusCode.is_good():
-                monkeypatch.setattr(watch, "lost", None)
+                monkeypatch.setattr(stub_watch, "lost", None)
                 return await comes_good(one)
         return False
 
     assert answered(served.url, ask)
 
 
-def test_a_port_in_use_is_refused_with_its_number(served, watch):
+def test_a_port_in_use_is_refused_with_its_number(served, stub_watch):
     port = served.url.rsplit(":", 1)[1].partition("/")[0]
     with refuses(BenchError, port):
-        OpcUaServer(watch, "127.0.0.1", int(port))
+        OpcUaServer(stub_watch, "127.0.0.1", int(port))
 
 
 @pytest.mark.slow

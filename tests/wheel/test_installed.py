@@ -51,7 +51,11 @@ for package in ({packages}):
                     raise
 """
 #: Modules that are imported only where the library of their extra is installed.
-OF_EXTRAS = {"astb.mcp_server": "mcp", "astb.panel.opcua_server": "asyncua"}
+OF_EXTRAS = {
+    "astb.mcp_server": "mcp",
+    "astb.panel.mqtt_publisher": "aiomqtt",
+    "astb.panel.opcua_server": "asyncua",
+}
 
 
 def content(wheel: Path) -> dict[str, bytes]:
