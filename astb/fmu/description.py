@@ -97,14 +97,16 @@ def _variable(listed: Element, reference: int, one: Variable, fmi: int) -> None:
 
 
 def _structure(structure: Element, every: Sequence[Variable], fmi: int) -> None:
+    # While it steps, an output changes in a step only. So connected FMUs have no algebraic loops.
+    none = {"dependencies": ""}
     outputs = [place for place, one in enumerate(every) if one.kind is Kind.OUTPUT]
     if fmi == 3:
         for place in outputs:
-            SubElement(structure, "Output", valueReference=str(place))
+            SubElement(structure, "Output", none, valueReference=str(place))
         for place in outputs:
             SubElement(structure, "InitialUnknown", valueReference=str(place))
         return
-    for title in ("Outputs", "InitialUnknowns"):
+    for title, dependencies in (("Outputs", none), ("InitialUnknowns", {})):
         unknowns = SubElement(structure, title)
         for place in outputs:
-            SubElement(unknowns, "Unknown", index=str(place + 1))
+            SubElement(unknowns, "Unknown", dependencies, index=str(place + 1))

@@ -12,7 +12,7 @@ from tests.contracts.test_imports import PACKAGES, ROOT
 
 #: Imports inside functions, because the module is an extra, or heavy and seldom used. Grows only with an extra.
 INSIDE_FUNCTIONS = {
-    "astb": 136,
+    "astb": 135,
     "astb_studies": 42,
     "bench_protocol": 4,
     "bench_records": 96,
