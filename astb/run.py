@@ -1,11 +1,12 @@
 """`astb run`: plans on a rig, with progress on the screen and a directory of files for each run."""
 
 import gc
+import getpass
 import platform
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from hashlib import sha256
 from importlib.metadata import version
@@ -18,9 +19,10 @@ from astb.live.door import Door, opened_door
 from astb.live.model import Live
 from astb.live.outline import kept_outline
 from astb.operators import with_hand
+from astb.reservations import NotReserved, Reservation, reserved_for_others
 from astb.rig_file import RigFile, RigFileError
 from astb.rig_limits import known_limits
-from astb.run_queue import Ticket, queued
+from astb.run_queue import Ticket, queued, wait_while
 from astb.session import MAP_HASH, Session, open_session
 from astb.software import commit
 from astb.tables import shared_console
@@ -68,7 +70,7 @@ class Keeping:
     pdf: bool = False
     messages: "Messages | None" = None
     twin: bool = False
-    wait: bool = False  #: until earlier runs on the rig have ended
+    wait: bool = False  #: until earlier runs and reservations of others have ended
 
     def called(self, operator: "Operator | None", plan: "Plan") -> "Operator | None":
         """Return ``operator``, with a message for each question of ``plan`` if there are receivers."""
@@ -124,18 +126,38 @@ def run_plans(
     return results
 
 
+@contextmanager
 def _turn(
     plans: Sequence["Plan"], rig: RigFile, path: Path, keeping: Keeping, say: Callable[[str], None]
-) -> AbstractContextManager[None]:
-    """Enter the queue of the rig, and wait for the turn if ``keeping`` requests it."""
+) -> Iterator[None]:
+    """Enter the queue of the rig, and wait for the turn if ``keeping`` requests it.
+
+    NotReserved, without waiting, if the plans would meet a reservation of another operator.
+    """
+    by, lasts = keeping.operator or getpass.getuser(), sum(plan.lasts for plan in plans)
 
     def report(before: list[Ticket]) -> None:
         say(f"waiting for {rig.name} at place {len(before)}, after {'; then '.join(map(str, before))}")
 
-    lasts = sum(plan.lasts for plan in plans)
-    return queued(
-        path, [plan.name for plan in plans], lasts, keeping.operator, report if keeping.wait else None
-    )
+    def report_reserved(others: list[Reservation]) -> None:
+        say(f"waiting for {rig.name}, after {'; then '.join(map(str, others))}")
+
+    def others() -> list[Reservation]:
+        return reserved_for_others(path, by, lasts)
+
+    if not keeping.wait and (found := others()):
+        raise NotReserved(
+            f"{', '.join(plan.name for plan in plans)} by {by} would meet {found[0]}, on {rig.name}; start it with "
+            f'--wait after the reservation, or as its operator with --operator "{found[0].by}"'
+        )
+    while True:
+        if keeping.wait:  # outside the queue, where it would keep the holder of the reservation waiting
+            wait_while(others, report_reserved)
+        with queued(path, [plan.name for plan in plans], lasts, by, report if keeping.wait else None):
+            if keeping.wait and others():  # since it entered the queue
+                continue
+            yield
+            return
 
 
 def deviates(directory: Path) -> bool:

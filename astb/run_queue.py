@@ -4,13 +4,12 @@ A lock ends with its process, so a ticket without one is void. The folder belong
 door of a run (`astb.live.door`). The rig still decides who commands it: the queue only orders the runs.
 """
 
-import getpass
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeVar
 
 import msgspec
 from msgspec.structs import replace
@@ -21,7 +20,8 @@ from bench_protocol.runtime.file_locks import hold
 from bench_protocol.runtime.own_folder import own_directory
 from bench_protocol.units import NS, s
 
-#: Interval between two checks of the tickets.
+T = TypeVar("T")
+#: Interval between two checks of the tickets and reservations.
 _LOOK: Final = 1 * s
 
 
@@ -52,14 +52,14 @@ def queued(
 
     With ``told``, wait first until no ticket precedes it; ``told`` gets the earlier tickets at each change.
     """
-    folder, clock = queue_path(rig_file), RealClock()
+    folder = queue_path(rig_file)
     mine = folder / f"{datetime.now(UTC):%Y%m%dT%H%M%S.%f}-{os.getpid()}"
-    ticket = Ticket(by or getpass.getuser(), plans, lasts, datetime.now(UTC))
+    ticket = Ticket(by, plans, lasts, datetime.now(UTC))
     try:
         own_directory(folder.parent)
         own_directory(folder)
         # The lock of the folder prevents that another process sees the ticket before it is locked and complete.
-        with _locked(folder):
+        with locked(folder):
             file = mine.open("xb")
             hold(file)
             mine.write_bytes(msgspec.json.encode(ticket))
@@ -70,12 +70,9 @@ def queued(
         return
     with file:
         try:
-            before: list[Ticket] = []
-            while told and (now := _before(folder, mine)):
-                if now != before:
-                    told(before := now)
-                clock.sleep_until(clock.now() + int(_LOOK * NS))
-            with _locked(folder):
+            if told:
+                wait_while(lambda: _before(folder, mine), told)
+            with locked(folder):
                 mine.write_bytes(msgspec.json.encode(replace(ticket, since=datetime.now(UTC))))
             yield
         finally:
@@ -85,7 +82,7 @@ def queued(
 def _before(folder: Path, mine: Path) -> list[Ticket]:
     """Return the valid tickets before ``mine``, the first with the rig; remove void ones."""
     found = []
-    with _locked(folder):
+    with locked(folder):
         for path in sorted(one for one in folder.glob("[0-9]*") if one.name < mine.name):
             with path.open("rb") as file:
                 if hold(file):
@@ -95,8 +92,18 @@ def _before(folder: Path, mine: Path) -> list[Ticket]:
     return found
 
 
+def wait_while(look: Callable[[], list[T]], told: Callable[[list[T]], None]) -> None:
+    """Wait until ``look`` returns nothing; ``told`` gets each other result that differs from the last one."""
+    clock, before = RealClock(), list[T]()
+    while now := look():
+        if now != before:
+            told(before := now)
+        clock.sleep_until(clock.now() + int(_LOOK * NS))
+
+
 @contextmanager
-def _locked(folder: Path) -> Iterator[None]:
+def locked(folder: Path) -> Iterator[None]:
+    """Lock the folder of a queue during the block."""
     with (folder / ".lock").open("w") as guard:
         hold(guard, wait=True)
         yield

@@ -54,7 +54,7 @@ _KEPT: Final = (
     click.option(
         "--wait",
         is_flag=True,
-        help="Wait until earlier runs on this rig have ended, and print the place in the queue.",
+        help="Wait until earlier runs and reservations of others have ended, and print the place in the queue.",
     ),
     click.option(
         "--operator",

@@ -14,7 +14,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
 import bench_records
-from astb.panel import bus, faults, kept, rehearsals, specimens, twin
+from astb.panel import bus, faults, kept, rehearsals, reserving, specimens, twin
 from astb.panel.access import Doorkeeper, NotAllowed
 from astb.panel.answers import Parts, Threads, answered
 from astb.panel.commands import command, json_answer, json_body, settings_of, text_of
@@ -51,6 +51,7 @@ VIEWS: Final = (
     View("runs", "Runs", kept.routes),
     View("diagnoses", "Diagnoses"),
     View("specimens", "Specimens", specimens.routes),
+    View("reservations", "Reservations", reserving.routes),
     View("faults", "Faults", faults.routes),
     View("bus", "Bus", bus.routes),
 )

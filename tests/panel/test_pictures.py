@@ -15,7 +15,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(400)]
 
 PHOTO = Path(__file__).parents[2] / "docs" / "gallery" / "panel-lost.png"
 SIZES = {390: 844, 820: 1180, 1400: 900}
-VIEWS = ("live", "twin", "runs", "diagnoses", "specimens", "faults", "bus")
+VIEWS = ("live", "twin", "runs", "diagnoses", "specimens", "reservations", "faults", "bus")
 
 #: How much wider than the screen the page is, what of it stands out, and which buttons something else lies upon.
 LOOK = """() => {
