@@ -91,7 +91,7 @@ def _print_plan(out: TextIO) -> None:
             places = f"{base + number - 1:04X}h, {base + 0x200 + number - 1:04X}h"
             print(f"| {message.identifier:03X}h | {kind} {number} | {places} | `{message.name}` |", file=out)
     print(
-        " Most of these identifiers belong to other nodes in the predefined connection set. A scan by identifiers\n"
+        "\nMost of these identifiers belong to other nodes in the predefined connection set. A scan by identifiers\n"
         "finds nodes that do not exist. Read the communication parameters instead. The mapping is fixed. A TPDO\n"
         "with transmission type n from 1 to 240 is sent after n SYNCs; bit 31 of its COB-ID disables it. An RPDO\n"
         "is valid only with the CRC, counter and token of a [command](signals.md#can-messages).\n",
