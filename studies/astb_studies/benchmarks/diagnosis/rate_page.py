@@ -13,12 +13,12 @@ from astb_studies.benchmarks.diagnosis.law_table import law_table
 from astb_studies.benchmarks.diagnosis.rate_drawings import confusion, power, reliability
 from astb_studies.benchmarks.diagnosis.statistics import Rate
 from astb_studies.benchmarks.measure import machine
-from astb_studies.places import PAGES
+from astb_studies.places import DOCS, PAGES
 from diagnosis.estimates import Z95
 from diagnosis.finding import Verdict
 
 PAGE: Final = PAGES / "diagnosis-benchmark.md"
-DRAWINGS: Final = PAGE.parent.parent / "gallery"
+DRAWINGS: Final = DOCS / "gallery"
 
 #: Of fewer cases no rate is reported: its interval would hold nearly everything.
 LEAST: Final = 20

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -201,3 +202,9 @@ def test_no_page_is_written_without_data(tmp_path):
     assert done.exit_code == 1
     assert "has no results of oscillator, bench" in done.output
     assert rate_page.PAGE.read_bytes() == page
+
+
+def test_drawings_are_written_where_the_page_shows_them():
+    shown = re.findall(r"!\[[^]]*\]\(([^)]*)\)", rate_page.PAGE.read_text(encoding="utf-8"))
+    assert shown
+    assert {(rate_page.PAGE.parent / one).resolve().parent for one in shown} == {rate_page.DRAWINGS.resolve()}
