@@ -7,6 +7,7 @@ from pathlib import Path
 from statistics import mean, median
 from typing import Final
 
+from astb_studies.benchmarks.diagnosis.ablation import section
 from astb_studies.benchmarks.diagnosis.campaign import COUNTED, done
 from astb_studies.benchmarks.diagnosis.judge import CLEAR, Judged, covered
 from astb_studies.benchmarks.diagnosis.law_table import law_table
@@ -151,7 +152,7 @@ def write(kept: Mapping[str, Sequence[Judged]], asked: Mapping[str, int]) -> Pat
             lines += [f"## Laws of one phenomenon, {system}", "", *table, ""]
     for name in LATER:
         lines += _later(COUNTED / name)
-    lines += ["## Failures", "", *_failures(kept)]
+    lines += [*section(), "## Failures", "", *_failures(kept)]
     PAGE.write_text("\n".join(lines).rstrip() + "\n", encoding="utf-8")
     return PAGE
 
