@@ -12,6 +12,7 @@ from astb.menu import experiments
 from astb.stiffness import StiffnessChecks
 from astb.tables import open_table
 from bench_protocol.dimensions import ordinary
+from bench_protocol.os_errors import reason
 from bench_protocol.suggestion import did_you_mean
 from bench_records.record import read
 from bench_sim.model.effects import CATALOGUE
@@ -131,7 +132,7 @@ def clear_results(out: Path) -> None:
         for name in (FINDING, REPORT, EXTENDED, PARAMETERS, VALUES):
             (out / name).unlink(missing_ok=True)
     except OSError as error:
-        raise DiagnosisError(f"{out} cannot be used for the results: {error.strerror}") from None
+        raise DiagnosisError(f"{out} cannot be used for the results: {reason(error)}") from None
 
 
 @contextmanager

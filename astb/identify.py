@@ -15,6 +15,7 @@ from astb.diagnose import BENCH, Progress, progress_bar, read_data, rig_of
 from astb.extend import DIGITS, changes_of, interval
 from astb.menu import experiments
 from astb.tables import open_table
+from bench_protocol.os_errors import reason
 from bench_protocol.units import litre, mm
 from bench_protocol.words import SIDES
 from bench_sim.model.layout import Sensor
@@ -186,7 +187,7 @@ def _of_simulator(simulator: "Simulator", dataset: "Dataset", out: Path | None, 
         try:
             write_identified(out, found, simulator, dataset.digest)
         except OSError as error:
-            raise DiagnosisError(f"{out} cannot be written: {error.strerror}") from None
+            raise DiagnosisError(f"{out} cannot be written: {reason(error)}") from None
     variables = simulator.fmu.variables if isinstance(simulator, FmuSimulator) else {}
     said = {name: one.description for name, one in variables.items()}
     return Answer(
@@ -225,7 +226,7 @@ def _make_room(out: Path, model: str) -> None:
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise DiagnosisError(f"{out} cannot be written: {error.strerror}") from None
+        raise DiagnosisError(f"{out} cannot be written: {reason(error)}") from None
     if not os.access(out if out.exists() else out.parent, os.W_OK):
         raise DiagnosisError(f"{out} cannot be written: permission denied")
 
@@ -315,7 +316,7 @@ def write_springs(
     try:
         write_model(path, model, {"change": _notes(asked)}, DIGITS)
     except OSError as error:
-        raise DiagnosisError(f"{path} cannot be written: {error.strerror}") from None
+        raise DiagnosisError(f"{path} cannot be written: {reason(error)}") from None
 
 
 def _stated(

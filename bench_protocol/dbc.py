@@ -15,6 +15,7 @@ import cantools
 
 from bench_protocol import j1939
 from bench_protocol.input_limits import Unfit, check_dbc
+from bench_protocol.os_errors import reason
 
 if TYPE_CHECKING:
     from cantools.database.can import Message as Coding
@@ -103,7 +104,7 @@ def read_dbc(path: Path, charset: str | None = None) -> Dbc:
     except Unfit as error:
         raise DbcError(f"{path} {error}") from None
     except OSError as error:
-        raise DbcError(f"{path} cannot be read: {error.strerror}") from None
+        raise DbcError(f"{path} cannot be read: {reason(error)}") from None
     logging.getLogger("cantools").setLevel(
         logging.ERROR
     )  # it reports of names that come twice; so do we, to a person

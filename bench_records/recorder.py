@@ -266,7 +266,7 @@ class Recorder:
         self._refuse_if_failed()
         if self._closed:
             raise RecordError(
-                f"the record in {self.directory} is closed; no more samples or events can be added"
+                f"the record in {self.directory} is closed; start a new run to record more samples or events"
             )
 
     def _write_batches(self) -> None:

@@ -323,7 +323,7 @@ def _appendix(result: Result, record: Record, directory: Path) -> Iterator[Marku
         heads = "readings | instrument | serial number | certificate | calibrated | due"
         yield section("Instruments", table(heads, pieces, "instruments"))
     facts = facts_table(_facts(record.meta, result))
-    yield section("How to repeat this run", facts, *_dimensions(record.meta), kind="again")
+    yield section("Data to repeat this run", facts, *_dimensions(record.meta), kind="again")
     if notes := notes_of(directory):
         yield section(
             "Later notes",
@@ -447,7 +447,7 @@ def _dimensions(meta: dict[str, Any]) -> list[Markup]:
         (name, *(str(one[key]) for key in ("value", "uncertainty", "provenance")))
         for name, one in sorted(known.items())
     ]
-    numbers = table("dimension (SI) | value :n | uncertainty :n | source", rows, "numbers")
+    numbers = table("dimension | value, SI :n | uncertainty, SI :n | source", rows, "numbers")
     where = "Their values, uncertainties and sources are in meta.json."
     return [
         paragraph(f"The run used {len(known)} dimensions of the rig. {where}"),

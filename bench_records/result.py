@@ -361,7 +361,9 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         try:
             return msgspec.json.decode(data, type=Result)
         except (msgspec.MsgspecError, RecursionError, UnicodeError) as error:
-            raise RecordError(f"this is not a result of a test plan: {str(error)[:200]}") from error
+            raise RecordError(
+                f"this is not a result of a test plan: {str(error)[:200]}; use the result.json of a run"
+            ) from error
 
     def write(self, directory: Path | str) -> Path:
         """Write ``result.json`` to the directory; return its path."""

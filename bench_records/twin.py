@@ -163,4 +163,4 @@ def read_twin(directory: Path) -> TwinStory | None:
     try:
         return msgspec.json.decode(read_bounded(path, RESULT_BYTES), type=TwinStory)
     except (msgspec.MsgspecError, OSError, ValueError) as error:
-        raise RecordError(f"{path} is damaged: {error}") from None
+        raise RecordError(f"{path} is damaged: {error}; delete it to show the run without its twin") from None

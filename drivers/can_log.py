@@ -13,6 +13,7 @@ import can
 from bench_protocol.account import Account
 from bench_protocol.file_forms import endings
 from bench_protocol.frames import Block
+from bench_protocol.os_errors import reason
 from bench_protocol.socketcand import iterate
 from bench_protocol.units import NS
 from drivers.can_files.frames import CanLogError
@@ -103,5 +104,5 @@ def _open_writer(path: Path) -> can.Listener:
     try:
         writer: can.Listener = form.write(path)
     except (OSError, ValueError, ImportError, NotImplementedError) as error:
-        raise CanLogError(f"{path} cannot be written: {getattr(error, 'strerror', None) or error}") from None
+        raise CanLogError(f"{path} cannot be written: {reason(error)}") from None
     return writer

@@ -195,7 +195,9 @@ class ModbusPort:
             meaning = self.meaning.get(code, "for a reason that is not in the specification")
             raise Refused(f"{what} was refused: {meaning} (Modbus exception {code})", code)
         if reply.isError():
-            raise LinkLost(f"{what} failed: the device sent bytes that are not an answer to the request")
+            raise LinkLost(
+                f"{what} failed: the answer does not belong to the request; check the address and unit of the device"
+            )
         return reply
 
     def _note_port(self) -> None:

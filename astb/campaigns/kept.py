@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final
 
+from bench_protocol.os_errors import reason
 from bench_protocol.runtime.file_locks import hold
 from bench_records.disk import why
 from bench_records.layout import whole
@@ -137,7 +138,7 @@ def _locked(directory: Path) -> IO[str]:
         directory.mkdir(parents=True, exist_ok=True)
         lock = (directory / _LOCK).open("w", encoding="utf-8")
     except OSError as error:
-        raise KeptError(f"rows cannot be written to {directory}: {error.strerror}") from None
+        raise KeptError(f"rows cannot be written to {directory}: {reason(error)}") from None
     if not hold(lock):
         lock.close()
         raise KeptError(

@@ -6,6 +6,7 @@ from typing import Literal
 import click
 
 from astb.exit_codes import misuse
+from bench_protocol.os_errors import reason
 from bench_records.layout import RecordError
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
@@ -35,7 +36,7 @@ def export_command(directory: Path, target: Path, rate: float, names: tuple[str,
     except (RecordError, CanLogError) as error:
         misuse(error)
     except OSError as error:
-        misuse(f"{target} cannot be written: {error.strerror or error}")
+        misuse(f"{target} cannot be written: {reason(error)}")
 
 
 @click.command("import")
@@ -83,4 +84,4 @@ def import_command(
     except RecordError as error:
         misuse(error)
     except OSError as error:
-        misuse(f"{directory} cannot be written: {error.strerror or error}")
+        misuse(f"{directory} cannot be written: {reason(error)}")

@@ -11,6 +11,7 @@ from astb.commands.completion import complete_plans
 from astb.commands.options import JSON_OPTION, RIG_OPTION, read_rig
 from astb.exit_codes import misuse
 from astb.tables import print_json
+from bench_protocol.os_errors import reason
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -129,7 +130,7 @@ def signals_command(dbc: Path | None, csv: Path | None, eds: Path | None, as_jso
             try:
                 target.write_bytes((generated / source).read_bytes())
             except OSError as error:
-                misuse(f"{target} cannot be written: {error.strerror}")
+                misuse(f"{target} cannot be written: {reason(error)}")
             click.echo(target)
     if dbc is csv is eds is None:
         from bench_protocol.table import TABLE

@@ -15,6 +15,7 @@ from astb.rig_file import rigs
 from astb.tables import print_json
 from bench_protocol.dimensions import NAMES, DimensionsError, read_dimensions
 from bench_protocol.named_files import named_files, named_folders, place_of, source_of
+from bench_protocol.os_errors import reason
 from bench_protocol.suggestion import did_you_mean
 from bench_protocol.units import kN
 from drivers.errors import WiringError
@@ -297,5 +298,5 @@ def copy_command(
     except ValueError as error:
         misuse(error)
     except OSError as error:
-        misuse(f"{error.filename or target} cannot be written: {error.strerror}")
+        misuse(f"{error.filename or target} cannot be written: {reason(error)}")
     click.echo(target)

@@ -11,6 +11,7 @@ from astb.commands.lists import plans_named
 from astb.commands.options import out_option, pairs
 from astb.exit_codes import misuse
 from bench_protocol.input_limits import Unfit, read_toml
+from bench_protocol.os_errors import reason
 
 if TYPE_CHECKING:
     from test_plans.plan import Plan
@@ -91,7 +92,7 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         content = read_toml(path)
     except OSError as error:
-        misuse(f"--with {path} cannot be read: {error.strerror}")
+        misuse(f"--with {path} cannot be read: {reason(error)}")
     except Unfit as error:
         misuse(f"--with {path} {error}")
     given: dict[str, Any] = {}

@@ -10,6 +10,7 @@ from astb.commands.options import JSON_OPTION, out_option, pairs
 from astb.exit_codes import FAIL, PASS, misuse
 from astb.tables import open_console, open_table, print_json, styled
 from bench_protocol.extras import installed, lacking
+from bench_protocol.os_errors import reason
 from bench_protocol.suggestion import did_you_mean
 from bench_records.checksums import broken_files
 from bench_records.comparison import CheckPair, compare_runs
@@ -208,7 +209,7 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
     except RecordError as error:
         misuse(error)
     except OSError as error:
-        misuse(f"{page} cannot be written: {error.strerror}")
+        misuse(f"{page} cannot be written: {reason(error)}")
     if as_json:
         print_json(found)
         return
@@ -310,7 +311,7 @@ def trend_command(
     except RecordError as error:
         misuse(error)
     except OSError as error:
-        misuse(f"{error.filename or page or table} cannot be written: {error.strerror}")
+        misuse(f"{error.filename or page or table} cannot be written: {reason(error)}")
     _warn_unreadable(index)
     if as_json:
         # One name is answered by one object, whatever else the command can.

@@ -7,6 +7,7 @@ from typing import Any, Final
 import click
 
 from astb.exit_codes import blocked, misuse
+from bench_protocol.os_errors import reason
 
 _VERSIONS: Final = ("2", "3")
 
@@ -134,7 +135,7 @@ def _write(
     except export.ExportError as error:
         blocked(str(error))
     except OSError as error:
-        blocked(f"{out} cannot be written: {error.strerror}")
+        blocked(f"{out} cannot be written: {reason(error)}")
     click.echo(f"{out}: {said}")
     made = export.platforms()
     for one in made:

@@ -18,6 +18,7 @@ from astb.panel.commands import command, text_of
 from astb.panel.runs import CannotDo
 from astb.panel.specimens import FOLDER
 from bench_protocol.input_limits import RESULT_BYTES, read_bounded
+from bench_protocol.os_errors import reason
 from bench_records.comparison import compare_runs
 from bench_records.index import RunIndex
 from bench_records.kept_pages import write_comparison, write_trends
@@ -197,11 +198,13 @@ class Kept:
     def diagnosis(self, of: str) -> str:
         """Return the report of a diagnosis."""
         if of not in [one.directory for one in self.diagnoses()]:
-            raise RecordError(f"{self._folder} holds no diagnosis {of}")
+            raise RecordError(
+                f"{self._folder} holds no diagnosis {of}; reload the page to see the present ones"
+            )
         try:
             return (self._folder / of / REPORT).read_text(encoding="utf-8")
         except OSError as error:
-            raise RecordError(f"{REPORT} of {of} cannot be read: {error.strerror}") from None
+            raise RecordError(f"{REPORT} of {of} cannot be read: {reason(error)}") from None
 
     def move(self, run: str, to: str) -> tuple[Path, Path]:
         """Rename the folder of a run, or move it to the archive or back; return the old and the new path.
@@ -233,7 +236,7 @@ class Kept:
             new.parent.mkdir(parents=True, exist_ok=True)
             old.rename(new)
         except OSError as error:
-            raise CannotDo(f"{run} cannot be moved: {error.strerror}") from None
+            raise CannotDo(f"{run} cannot be moved: {reason(error)}") from None
         return old, new
 
     def known(self, run: str) -> Path:

@@ -97,7 +97,7 @@ def _refuse(told: dict[str, str]) -> None:
         try:
             text.encode()
         except UnicodeEncodeError:
-            raise NotAllowed(f"{key} is not a valid UTF-8 text", 400) from None
+            raise NotAllowed(f"{key} is not a valid UTF-8 text; enter it again", 400) from None
     if not told["by"].strip():
         raise NotAllowed("the author of the note is missing; fill in the field for the author", 400)
     if len(told["text"]) > _TEXT_MAX:

@@ -39,7 +39,9 @@ def ask(path: Path, line: bytes, timeout: float = 5.0) -> bytes:
         while not answer.endswith(b"\n"):
             part = connection.recv(1 << 16)
             if not part:
-                raise ConnectionResetError("the rig closed its control socket")
+                raise ConnectionResetError(
+                    "the rig closed its control socket; check whether the rig still runs"
+                )
             answer += part
         return answer
 

@@ -96,7 +96,8 @@ class Twin:
         )
         if not judged:
             raise DiagnosisError(
-                f"{record.path} has no pressure and no force that can be compared with a model"
+                f"{record.path} has no pressure and no force that can be compared with a model; record at "
+                "least one of them"
             )
         self._record, self._model = record, model
         self._simulator = AirSpring(parameters, effects=CATALOGUE, only=judged)

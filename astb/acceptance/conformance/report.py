@@ -8,6 +8,7 @@ from typing import NamedTuple
 import msgspec
 
 from bench_protocol.input_limits import Unfit, read_bounded
+from bench_protocol.os_errors import reason
 
 
 class ReportError(ValueError):
@@ -66,7 +67,7 @@ def read_report(path: Path) -> Report:
     try:
         return msgspec.json.decode(read_bounded(path), type=Report)
     except OSError as error:
-        raise ReportError(f"{path} cannot be read: {error.strerror}") from None
+        raise ReportError(f"{path} cannot be read: {reason(error)}") from None
     except Unfit as error:
         raise ReportError(f"{path} {error}") from None
     except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:

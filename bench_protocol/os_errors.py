@@ -1,0 +1,29 @@
+"""Errors of the operating system, as text with a remedy."""
+
+from __future__ import annotations
+
+import errno
+from types import MappingProxyType
+from typing import Final
+
+_REMEDIES: Final = MappingProxyType(
+    {
+        errno.ENOENT: "check the path",
+        errno.ENOTDIR: "check the path",
+        errno.EISDIR: "use the path of a file",
+        errno.EEXIST: "use another path",
+        errno.EACCES: "change the permissions, or use another path",
+        errno.EPERM: "change the permissions, or use another path",
+        errno.EROFS: "use a path on a writable disk",
+        errno.ENOSPC: "free space on the disk, or use another one",
+        errno.EDQUOT: "free space on the disk, or use another one",
+        errno.ENAMETOOLONG: "use a shorter name",
+    }
+)
+
+
+def reason(error: BaseException) -> str:
+    """Return an error as text; for a frequent error of a file or disk the remedy follows."""
+    text = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    remedy = _REMEDIES.get(getattr(error, "errno", None) or 0)
+    return f"{text}; {remedy}" if remedy else text
