@@ -25,9 +25,8 @@ def contradicted(model: FittedModel) -> list[str]:
         value, nominal, spread = _believed(coordinate, model)
         unit = "" if (shown := parameter.display or parameter.unit) == "1" else f" {shown}"
         sentences.append(
-            f"{coordinate.label} was fitted as {value:.4g}{unit}, {sigmas:.0f} standard deviations of its prior from "
-            f"the expected value {nominal:.4g} ± {spread:.2g}{unit}: check the units, signs and settings with which "
-            "the data were read"
+            f"{coordinate.label} was fitted as {value:.4g}{unit}, but its prior is {nominal:.4g} ± {spread:.2g}{unit} "
+            f"(distance: {sigmas:.0f} standard deviations). Check the units, signs and settings of the data"
         )
     return sentences
 

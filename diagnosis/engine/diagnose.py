@@ -248,7 +248,7 @@ def _differing(
     if chosen is verdict:
         return ""
     return (
-        f"The report runs changed the verdict: by the select runs it would be {chosen.value}, with an error of "
+        f"The test runs changed the verdict. By the validation runs it would be {chosen.value}, with an error of "
         f"{ratios[1]:.3g} times the noise."
     )
 
@@ -360,15 +360,17 @@ def _remains(data: Dataset, judgement: Judgement, left: Remainder) -> list[str]:
         sentences.append("The fit of the last model did not converge; its intervals are not reliable.")
     if left.after > NOISE_RATIO_SHOWN:
         sentences.append(
-            f"On the {left.role} runs the remaining error is {left.after:.2g} times the noise: not every cause of it "
-            "was found."
+            f"{ROLES[left.role]}, the remaining error is {left.after:.2g} times the noise. Not every cause of this "
+            "error was found."
         )
     if not data.of("select"):
         sentences.append(
-            "No run has the role 'select': no cause was tested on data that were not used to fit it."
+            "There are no validation runs (role 'select'), so no cause was tested on data outside of its fit."
         )
     if not data.of("report"):
-        sentences.append("No run has the role 'report': the improvement on unseen data is not known.")
+        sentences.append(
+            "There are no test runs (role 'report'), so the improvement on unseen data is unknown."
+        )
     return sentences
 
 

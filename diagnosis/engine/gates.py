@@ -63,7 +63,8 @@ def useless(
     ``after`` and ``before`` are predictions of the select runs; None without select runs.
     """
     if after is not None and before is not None and before.lpd - after.lpd >= config.lpd_loss:
-        return f"it predicts the select runs worse: their log density falls by {before.lpd - after.lpd:.1f}"
+        loss = before.lpd - after.lpd
+        return f"it predicts the validation runs worse: their log predictive density falls by {loss:.1f}"
     return explains_too_little(model, after, base, before, floors, config)
 
 
@@ -80,8 +81,8 @@ def unphysical(model: FittedModel, base: FittedModel) -> str:
         ):
             value = _shown(coordinate, number)
             return (
-                f"{coordinate.label} would have to be {value}, {abs(number):.1f} standard deviations of its prior from "
-                "its expected value"
+                f"it needs {coordinate.label} = {value}, {abs(number):.1f} prior standard deviations from the expected "
+                "value"
             )
     before = out_of_range(base)
     return next((why for which, why in out_of_range(model).items() if which not in before), "")
@@ -124,7 +125,7 @@ def merely_rough(gained: float, explained: float, threshold: float, config: Conf
     if not explained or gained >= config.rough**2 * explained + threshold**2:
         return ""
     part = math.sqrt(gained / explained)
-    return f"it adds {percent(part)} to the explained misfit, which is within the error of the causes found before"
+    return f"it adds {percent(part)} to the explained misfit, which may be an error of the accepted causes"
 
 
 def explains_too_little(

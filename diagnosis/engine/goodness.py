@@ -107,9 +107,9 @@ def _kind(series: Sequence[tuple[Array, float]], floor: float, ratio: float) -> 
     if line.p < 1e-3 and line.part > MOST_OF_EXCESS * excess:
         return f"a sine of {line.frequency:.3g} Hz"
     if _block_means(values, WALK_BLOCKS).var() > 0.5 * MOST_OF_EXCESS * (ratio**2 - 1.0) * floor**2:
-        return "a slow walk"
+        return "a random walk"
     white = min(ljung_box(values) for values, _ in series) * len(series)
-    return "an error with memory" if white < 1e-3 else ""
+    return "autocorrelated" if white < 1e-3 else ""
 
 
 def ljung_box(values: Array) -> float:
@@ -184,7 +184,7 @@ def humming(data: Dataset, alpha: float) -> list[str]:
 
 def as_sentence(one: Misfit, roles: Mapping[Role, str]) -> str:
     """Return a misfit as a sentence."""
-    return f"{roles[one.role]}, the error of {one.channel} is {one.ratio:.3g} times its noise: {one.kind}."
+    return f"{roles[one.role]}, the error of {one.channel} is {one.ratio:.3g} times its noise ({one.kind})."
 
 
 def _rests(runs: Sequence[MeasuredRun], channel: int) -> Iterator[tuple[Array, float]]:

@@ -28,17 +28,16 @@ from diagnosis.finding import (
     Verdict,
 )
 
-_CAUSES: Final = "{causes}, which the model did not have{imitated}."
+_CAUSES: Final = "{causes}. The base model lacks {this}.{imitated}"
 WRONG: Final = MappingProxyType(
     {
-        Verdict.NO_EFFECT: "These runs do not contradict the simulation.",
-        Verdict.DOUBTFUL: "Some data are doubtful, so it is open whether the simulation is right. The other "
-        "data do not contradict it.",
+        Verdict.NO_EFFECT: "These runs do not contradict the model.",
+        Verdict.DOUBTFUL: "Some data are doubtful. The other data do not contradict the model.",
         Verdict.NAMED: _CAUSES,
         Verdict.AMBIGUOUS: _CAUSES,
-        Verdict.UNRESOLVED: "The simulation has an error, but no cause passes every test.",
-        Verdict.UNKNOWN: "The simulation has an error that no known cause explains. {unknown}",
-        Verdict.REMAINDER: f"{_CAUSES} The simulation has another error, which was not identified. {{unknown}}",
+        Verdict.UNRESOLVED: "The model has an error, but no candidate passes every test.",
+        Verdict.UNKNOWN: "The model has an error that no known effect explains. {unknown}",
+        Verdict.REMAINDER: f"{_CAUSES} The model has another error, which was not identified. {{unknown}}",
     }
 )
 #: Certainty of a verdict without causes.
@@ -46,7 +45,7 @@ CAUSELESS: Final = MappingProxyType(
     {
         Verdict.NO_EFFECT: "An effect that is too small for these runs may still exist.",
         Verdict.DOUBTFUL: "Faults of the data may hide an effect.",
-        Verdict.UNKNOWN: "A fitted surface describes the error, but only in the stated range. It names no cause.",
+        Verdict.UNKNOWN: "A fitted surface describes the error in the stated range. It does not name a cause.",
     }
 )
 #: The part to inspect for a cause, by its family.
@@ -63,10 +62,14 @@ WHERE: Final = MappingProxyType(
 )
 ROLES: Final[Mapping[Role, str]] = MappingProxyType(
     {
-        "report": "On unseen runs",
-        "select": "On the runs used for selection",
-        "fit": "On the runs used for fitting",
+        "report": "On the test runs",
+        "select": "On the validation runs",
+        "fit": "On the fit runs",
     }
+)
+#: Names of the runs of each role.
+TESTING: Final[Mapping[Role, str]] = MappingProxyType(
+    {"report": "test runs", "select": "validation runs", "fit": "fit runs"}
 )
 #: The name of an amplitude that is a delay.
 DELAY: Final = "delay"
@@ -112,8 +115,8 @@ def further(screening: Screening) -> str:
         return ""
     more = f", and {len(others) - 1} more" if len(others) > 1 else ""
     return (
-        f"{_begun(screening.candidates[first].effect.title)}{more} may be there as well: the remaining error shows "
-        "signs of it."
+        f"{_begun(screening.candidates[first].effect.title)}{more} may be there as well, because the remaining error "
+        f"gives {'them scores' if more else 'it a score'} above the threshold."
     )
 
 
@@ -124,6 +127,7 @@ def _sentences(parts: Sequence[str]) -> str:
 def _wrong(found: Finding) -> str:
     text = WRONG[found.verdict].format(
         causes=_claims(found.causes),
+        this="these effects" if len(found.causes) > 1 else "this effect",
         imitated=_imitated(found.imitations, many=len(found.causes) > 1) if found.causes else "",
         unknown=" ".join(u.sentence for u in found.unknowns),
     )
@@ -144,14 +148,14 @@ def _claimed(one: Cause) -> str:
 
 
 def _imitated(imitations: Sequence[Imitation], *, many: bool) -> str:
-    """Return the distance of the base model from its prior without the causes, as the end of a sentence."""
+    """Return the distance of the base model from its prior without the causes, as sentences."""
     if not imitations:
         return ""
     one = imitations[0]
-    without = f": without {'these causes' if many else 'this cause'}, the best fit needs "
+    without = f" Without {'these causes' if many else 'this cause'}, the best fit needs "
     return (
-        f"{without}{one.name} = {_with_unit(one.before, one.unit, 4)}, {one.sigmas:.3g} standard deviations of its "
-        f"prior from its expected value {_prior(one)}"
+        f"{without}{one.name} = {_with_unit(one.before, one.unit, 4)}. The prior of this parameter is {_prior(one)}, "
+        f"so the fitted value is {one.sigmas:.3g} prior standard deviations away."
     )
 
 
@@ -166,7 +170,7 @@ def _sure(found: Finding, beside: Conclusions) -> list[str]:
     if not causes:
         return [CAUSELESS[found.verdict]]
     return [
-        *(_which_law(one, alone=len(causes) == 1) for one in causes),
+        *map(_which_law, causes),
         _suspected(found, beside.left),
         _alternatives(found),
         _late_together(causes),
@@ -193,26 +197,32 @@ def _suspected(found: Finding, left: Remainder) -> str:
     some = [one for one in found.causes if one.status == SUSPECTED]
     if not some:
         return ""
-    what = (
-        "It is" if len(found.causes) == 1 else f"{_begun(' and '.join(one.title for one in some))}: this is"
-    )
+    names = " and ".join(one.title for one in some)
+    what = "The cause is" if len(found.causes) == 1 else f"{_begun(names)} {'are' if some[1:] else 'is'}"
     if left.role == "fit":
-        return f"{what} suspected and not named, because no run was reserved to test it."
-    text = f"{what} suspected and not named, because it does not clearly improve the prediction of an unseen run."
+        return f"{what} only suspected, because no run was reserved for a test."
+    text = (
+        f"{what} only suspected, because the prediction of the {TESTING[left.role]} does not clearly improve."
+    )
     if found.imitations:
         name = found.imitations[0].name
-        text += f" The model can imitate this cause; only the expected value of {name} contradicts that."
+        text += f" The base model can imitate this cause. Only the prior of {name} contradicts the imitation."
     return text
 
 
-def _which_law(one: Cause, *, alone: bool) -> str:
+def _which_law(one: Cause) -> str:
     """Return the laws that these runs do not distinguish, and a run that would; "" if the law is known."""
     if not one.laws:
         return ""
     laws = " or ".join([_with_size(one), *map(_with_size, one.laws)])
-    of = "it" if alone else one.phenomenon
-    would = f" A run that shows it: {one.separated_by}." if one.separated_by else ""
-    return f"These runs do not show which law {of} follows: {laws}.{would}"
+    would = f" {_run('A run that distinguishes them', one.separated_by)}" if one.separated_by else ""
+    return f"These runs cannot distinguish several laws of {one.phenomenon}: {laws}.{would}"
+
+
+def _run(label: str, text: str) -> str:
+    """Return a run, and what to look for in it, as sentences; ``text`` is `Cause.separated_by`."""
+    run, _, sign = text.partition(": ")
+    return f"{label}: {run}.{f' Look for: {sign}.' if sign else ''}"
 
 
 def _late_together(causes: Sequence[Cause]) -> str:
@@ -237,8 +247,8 @@ def _nearest(causes: Sequence[Cause], suspects: Sequence[Suspect]) -> str:
         names = " and ".join(_with_size(c) for c in causes)
         many = len(causes) > 1
         return (
-            f"The best {'candidates are' if many else 'candidate is'} {names}, but most of the error remains: the "
-            f"cause may be an effect similar to {'these' if many else 'it'} that was not tested."
+            f"The best {'candidates are' if many else 'candidate is'} {names}, but most of the error remains. "
+            "The cause may be a similar effect that was not tested."
         )
     told = []
     for place, one in zip(chain(["best"], repeat("next")), suspects, strict=False):
@@ -251,8 +261,8 @@ def _worth(one: Cause) -> str:
     if one.gained is None or one.gained >= GAINS_LITTLE:
         return ""
     if one.gained <= 0.0:
-        return f"{_begun(one.title)} does not improve the prediction of unseen runs."
-    return f"{_begun(one.title)} explains only {percent(one.gained)} of the error on unseen runs."
+        return f"{_begun(one.title)} does not improve the prediction of the test runs."
+    return f"{_begun(one.title)} explains only {percent(one.gained)} of the error on the test runs."
 
 
 def _error(left: Remainder, found: Finding) -> str:
@@ -265,7 +275,7 @@ def _error(left: Remainder, found: Finding) -> str:
     elif left.after > 0.995 * left.before:
         verb = "stays at" if found.causes or found.unknowns else "is"
         change = f"the error {verb} {left.after:.3g} times the noise"
-    return f"{ROLES[left.role]}, {change}{': not every cause of it was found' if left.large else ''}."
+    return f"{ROLES[left.role]}, {change}.{' Not every cause of this error was found.' if left.large else ''}"
 
 
 def _shown_by(found: Finding) -> str:
@@ -278,14 +288,12 @@ def _shown_by(found: Finding) -> str:
         before, after, floor = (
             _with_unit(value or 0.0, one.unit, 3) for value in (one.rmse_before, one.rmse_after, one.floor)
         )
-        return (
-            f"{one.channel} shows it best: its error changes from {before} to {after}; its noise is {floor}."
-        )
+        return f"The clearest channel is {one.channel}. Its error changes from {before} to {after} (noise: {floor})."
     if not found.imitations:
         return ""
     number = found.imitations[0]
     before, after = (_with_unit(value, number.unit, 4) for value in (number.before, number.after))
-    return f"{number.name} is {before} without the cause and {after} with it; {_prior(number)} is expected."
+    return f"{number.name} is {before} without the cause and {after} with it. Its prior is {_prior(number)}."
 
 
 def _in_checks(found: Finding) -> str:
@@ -298,10 +306,10 @@ def _in_checks(found: Finding) -> str:
     numbers = [value or 0.0 for value in (one.extended, one.uncertainty, one.tuned, one.stock, one.measured)]
     places = decimals(-numbers[1], numbers[1])
     extended, half, tuned, stock, read = (f"{value:.{places}f}" for value in numbers)
-    seen = f"; {read} was measured in {one.run}" if one.measured is not None else ""
+    seen = f" The measured value in {one.run} is {read}." if one.measured is not None else ""
     return (
-        f"Among the results of test plans, {one.name} shows it best: {extended} ± {half} {one.unit} with the cause, "
-        f"{tuned} without it, {stock} with the parameters as shipped{seen}."
+        f"The clearest result of a test plan is {one.name}. The model predicts {extended} ± {half} {one.unit} with the "
+        f"cause, {tuned} without it, and {stock} with the parameters as shipped.{seen}"
     )
 
 
@@ -318,7 +326,9 @@ def _next(found: Finding, beside: Conclusions) -> str:
     effects = [beside.hypotheses[name] for name in names if name in beside.hypotheses]
     if not effects:
         return "Add the effect that you expect to the catalogue, and repeat the diagnosis."
-    places = dict.fromkeys(WHERE.get(one.family, f"what can cause this: {one.title}") for one in effects)
+    places = dict.fromkeys(
+        WHERE.get(one.family, f"the parts that can cause this: {one.title}") for one in effects
+    )
     parts = [f"Inspect {'; and '.join(places)}."]
     tests = [one.separated_by for one in effects if one.separated_by]
     if found.next_runs:
@@ -326,7 +336,7 @@ def _next(found: Finding, beside: Conclusions) -> str:
     elif found.next_sensors:
         parts.append(f"{_begun(found.next_sensors[0].sentence.rstrip('.'))}.")
     elif tests:
-        parts.append(f"A run that shows it: {tests[0]}.")
+        parts.append(_run("Next run", tests[0]))
     return _sentences(parts)
 
 

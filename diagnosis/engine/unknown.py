@@ -96,7 +96,7 @@ def explain(
 
 def dropped(unknown: Unknown) -> Unknown:
     """Return a kept surface as one that is not kept, because it does not improve the prediction of the report runs."""
-    why = "not kept, because it does not predict the report runs better"
+    why = "not kept, because it does not predict the test runs better"
     return msgspec.structs.replace(unknown, kept=False, sentence=f"{unknown.sentence.rstrip('.')}; {why}.")
 
 
@@ -171,7 +171,7 @@ def _sentence(surface: Surface, regions: Sequence[Region], nearest: Sequence[Nea
         parts.append(f"most similar known effects: {', '.join(n.effect for n in nearest)}")
     parts.append("valid only for " + (", ".join(seen) if seen else "the range of these runs"))
     if not kept:
-        parts.append("not kept, because it does not predict the select runs better")
+        parts.append("not kept, because it does not predict the validation runs better")
     return "; ".join(parts) + "."
 
 

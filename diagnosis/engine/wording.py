@@ -155,11 +155,11 @@ def scores(found: SearchResult, beside: Screening) -> list[Score]:
 def _still_scores(name: str, beside: Screening) -> str:
     """Return what happened to a score above the threshold of the base model, in the final model."""
     if all(candidate.effect.name != name for candidate in beside.candidates):
-        return "a cause in its place explains more"
+        return "an accepted cause explains more"
     score = float(beside.z[beside.best(name)])
     if score <= beside.threshold:
-        return "the final model explains it"
-    return f"its score is still {score:.1f} in the final model: it may be there as well"
+        return "below the threshold in the final model"
+    return f"its score is still {score:.1f} in the final model, so the effect may be there as well"
 
 
 def _cosine(found: SearchResult, first: str, second: str) -> float | None:

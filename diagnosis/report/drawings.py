@@ -59,7 +59,7 @@ def trace_errors(name: str, trace: Trace) -> str:
         axes.plot(times, values(trace.error_before), color=BEFORE, linewidth=0.8, label="before")
         axes.plot(times, values(trace.error_after), color=AFTER, linewidth=0.8, label="after")
         axes.margins(x=0.0, y=0.06)
-        heading(axes, "measured less predicted", trace.unit)
+        heading(axes, "measured minus predicted", trace.unit)
         _foot(axes, f"s of {trace.run}")
         _legend(axes)
         return svg(figure, name)

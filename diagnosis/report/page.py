@@ -86,6 +86,20 @@ dl.first, dl.first dd { margin: 0; } dl.first dt { color: var(--soft); }
 .statistics { font-size: 1.5rem; margin: 2.4rem 0 .6rem; }
 ul.told { max-width: 54rem; } ul.told li { margin-bottom: .18rem; }
 """
+#: Names of the settings of a diagnosis on the page.
+_SETTINGS: Final = {
+    "alpha": "chance of a false alarm",
+    "alpha_unknown": "significance level of surfaces",
+    "max_effects": "maximum number of causes",
+    "fits": "candidates that each step fits",
+    "ambiguous": "BIC gap of alternatives, at most",
+    "lpd_loss": "allowed loss of log predictive density, validation runs",
+    "rough": "λ of a further cause, as a share of the accepted ones, at least",
+    "gain": "explained share of the error in a channel, at least",
+    "with_panel": "with tests of the error",
+    "with_gain": "with the gain on test runs",
+    "effects": "tested effects",
+}
 _DOUBTFUL: Final = Markup("<b>Doubtful:</b> ")
 _COVERED: Final = (
     "Fewer than expected: the errors are larger than the noise. More than expected: the noise was estimated too "
@@ -120,7 +134,9 @@ def write_report(finding: Finding, path: Path | str, history: InvestigationHisto
 def headline(finding: Finding) -> str:
     """Return the verdict in a few words that do not exceed the evidence."""
     if finding.suspected:
-        return "A cause is suspected, but no unseen run confirms it"
+        return "A cause is suspected, but no test run confirms it"
+    if finding.verdict is Verdict.NAMED and any(cause.laws for cause in finding.causes):
+        return "A cause is found, but not its exact law"
     return HEADLINES[finding.verdict]
 
 
@@ -256,7 +272,7 @@ def _gain(finding: Finding) -> Markup:
     covered = (map(percent, (one.level, one.before, one.after)) for one in finding.coverage)
     within = [(f"within the {level} band of the noise", *both, level) for level, *both in covered]
     return section(
-        "Improvement on unseen runs" if extended else "How well the model predicts unseen runs",
+        "Improvement on the test runs" if extended else "How well the model predicts the test runs",
         f"{fitted} fitted to {'these runs' if report[1:] else 'this run'}: {', '.join(report)}.",
         table(
             "channel | RMSE before :n | after :n value | noise :n | :u | before / signal :n | after / signal :n | "
@@ -290,12 +306,12 @@ def _statistics(finding: Finding) -> Iterator[Markup]:
     source = finding.provenance
     gain = next((one for one in finding.gains if one.channel == "all" and one.noise_ratio is not None), None)
     facts = {
-        "error before, on unseen runs": gain and f"{shown(gain.noise_ratio_before)} × noise",
+        "error before, on the test runs": gain and f"{shown(gain.noise_ratio_before)} × noise",
         "error after": gain and f"{shown(gain.noise_ratio)} × noise",
         "reduction of the removable error (RMS)": gain
         and gain.fraction is not None
         and percent(gain.reduction),
-        "runs to fit, select, report": f"{len(source.fit)}, {len(source.select)}, {len(source.report)}",
+        "fit, validation and test runs": f"{len(source.fit)}, {len(source.select)}, {len(source.report)}",
         "tested effects": str(len(finding.scores)),
         "chance of a false alarm": percent(finding.alpha),
     }
@@ -327,15 +343,19 @@ def _statistics(finding: Finding) -> Iterator[Markup]:
             ),
         )
     if rows := [*_strengths(finding)]:
-        heads = "effect | status | score :n | λ :n | BIC :n | log predictive density of the select runs :n | cosine :n"
+        heads = (
+            "effect | status | score :n | λ :n | BIC :n | log density of the validation runs :n | cosine :n"
+        )
         yield section(
             "Strength of the evidence",
+            "The footprint of an effect is the change of the outputs that remains after the base model has adapted "
+            "its parameters. The score is the agreement of the footprint with the residual of the base model, in "
+            f"standard deviations of the noise; its threshold is {shown(finding.threshold)}. λ is the length of the "
+            "footprint in the same unit. The cosine is the similarity of two footprints; 1 means that they are equal.",
             table(heads, rows),
             caption(
-                f"The threshold of scores is {shown(finding.threshold)}. λ is the footprint of an effect in units of "
-                "the noise. The data do not exclude a rival whose BIC is worse by less than 10. They also do not "
-                "exclude a rival that predicts unseen runs equally well if the remaining error exceeds the noise. "
-                "Cosine: similarity of both footprints; 1 means that they are the same."
+                "The data do not exclude an alternative whose BIC is worse by less than 10. If the remaining error "
+                "exceeds the noise, they also do not exclude an alternative that predicts the test runs equally well."
             ),
         )
     if finding.next_runs or finding.next_sensors:
@@ -487,7 +507,11 @@ def _limits(finding: Finding) -> Iterator[Markup]:
         )
     if finding.remains:
         yield section("Open points", bullets(map(prose, finding.remains), "told"))
-    yield section("How to reproduce this result", facts_table(_facts(finding)))
+    yield section(
+        "Data and settings",
+        "The same data, settings and versions give the same result.",
+        facts_table(_facts(finding)),
+    )
 
 
 def _shift_row(one: Shift) -> tuple[str, ...]:
@@ -536,14 +560,14 @@ def _facts(finding: Finding) -> list[tuple[str, str]]:
     facts: dict[str, Any] = {
         "simulator": source.simulator,
         "identity": source.identity,
-        "fitted on": ", ".join(source.fit),
-        "selected on": ", ".join(source.select),
-        "reported on": ", ".join(source.report),
+        "fit runs": ", ".join(source.fit),
+        "validation runs": ", ".join(source.select),
+        "test runs": ", ".join(source.report),
         "files": ", ".join(source.sources),
         "hash of the data": source.digest,
         "seed": source.seed,
         **{f"version of {name}": number for name, number in source.versions.items()},
-        **{name.replace("_", " "): value for name, value in source.config.items() if name != "seed"},
+        **{_SETTINGS.get(name, name): value for name, value in source.config.items() if name != "seed"},
     }
     return [(name, _plain(value)) for name, value in facts.items() if value not in ("", None)]
 

@@ -33,7 +33,7 @@ def test_a_finding_says_it_as_a_sentence(plain: str, told: str) -> None:
     )  # fmt: skip
     left = Remainder(role="fit", before=4.0, after=1.0, left=0.0)
     said = _sentence(Verdict.NAMED, one, left)
-    assert said.startswith(f"{told} (0.200 ± 0.020 mm2), ")
+    assert said.startswith(f"{told} (0.200 ± 0.020 mm2). ")
     rival = msgspec.structs.replace(_rival(size), title="heat", instead_of="leak.left")
     asked = _sentence(Verdict.AMBIGUOUS, one, left, rival)
     assert "explained by heat (0.200 ± 0.020 mm2) instead of dry friction" in asked

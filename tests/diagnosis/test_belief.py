@@ -76,10 +76,9 @@ def test_a_cause_that_the_base_model_imitates_says_so_first(laboratory, hidden, 
     assert Finding.from_json(finding.to_json()) == finding
     assert bool(imitating) == bool(finding.imitations)
     for one in finding.imitations[:1]:
-        first = finding.sentence.split(". ")[0]
         assert one.name == imitating and one.sigmas > 4.0 >= one.sigmas_after
         assert all(
-            told in first
+            told in finding.summary.wrong
             for told in (imitating, f"{one.before:.4g}", f"{one.sigmas:.3g}", f"{one.expected:.4g}")
         )
 

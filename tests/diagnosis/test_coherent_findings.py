@@ -75,14 +75,14 @@ def test_a_surface_that_does_not_improve_unseen_runs_goes(laboratory, monkeypatc
     assert not any(one.kept for one in finding.unknowns)
     assert finding.verdict is Verdict.UNRESOLVED
     assert finding.gains[0].noise_ratio == pytest.approx(finding.gains[0].noise_ratio_before, rel=0.02)
-    assert "does not predict the report runs better" in finding.unknowns[0].sentence
+    assert "does not predict the test runs better" in finding.unknowns[0].sentence
 
 
 @pytest.mark.parametrize("hidden", [{"cubic": {"amplitude": 1e6}}, {"coulomb": {"amplitude": 3.0}}])
 def test_an_outcome_that_the_model_explains_a_score_is_what_the_model_says(laboratory, hidden):
     lab = laboratory(samples=400)
     finding = diagnose(lab.measure(33, hidden), lab.simulator, Config(workers=1))
-    explained = [one for one in finding.scores if one.outcome == "the final model explains it"]
+    explained = [one for one in finding.scores if one.outcome == "below the threshold in the final model"]
     assert explained
     still = [one.partition(" still has a score")[0] for one in finding.remains if "still has a score" in one]
     assert not {one.title for one in explained} & set(still)

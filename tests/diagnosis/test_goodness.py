@@ -43,12 +43,12 @@ def found(values, alpha=0.003):
     )
 
 
-@pytest.mark.parametrize(("kind", "told"), [("sine", "a sine of 4.9"), ("walk", "a slow walk")])
+@pytest.mark.parametrize(("kind", "told"), [("sine", "a sine of 4.9"), ("walk", "walk")])
 @pytest.mark.parametrize("size", [1.5, 4.4])
 def test_a_sine_and_a_walk_above_the_noise_are_found_and_distinguished(kind, told, size):
     for seed in range(5):
         (one,) = found(series(seed, kind, size))
-        assert one.kind.startswith(told)
+        assert told in one.kind
         assert one.ratio == pytest.approx(np.hypot(1.0, size), rel=0.1)
 
 

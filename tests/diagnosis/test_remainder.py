@@ -48,10 +48,10 @@ def coherent(finding) -> bool:
     """Return whether verdict, causes, sentence, gain and remainder of a finding say the same."""
     (gain,) = [one for one in finding.gains if one.channel == "all"]
     large = gain.noise_ratio > REMAINDER_RATIO
-    left = any("times the noise: not every cause" in one for one in finding.remains)
+    left = any("not every cause" in one.lower() for one in finding.remains)
     return (
         bool(finding.causes) == (finding.verdict in NAMES)
-        and ("do not contradict the simulation" in finding.sentence) == (finding.verdict is Verdict.NO_EFFECT)
+        and ("do not contradict" in finding.sentence) == (finding.verdict is Verdict.NO_EFFECT)
         and not (large and finding.verdict in {Verdict.NO_EFFECT, Verdict.NAMED})
         and (not large or f"{gain.noise_ratio:.3g} times the noise" in finding.sentence)
         and (not large or left)

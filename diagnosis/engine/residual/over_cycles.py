@@ -30,14 +30,14 @@ def loss(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     tests = [(_against_zero(values), swing, float(values.mean())) for swing, values in found]
     (p, t), swing, mean = min(tests, key=lambda one: one[0])
     channel = residuals.channels[c]
-    unit = f"{channel.display or channel.unit} × {swing.signal}"
+    unit = f"{channel.display or channel.unit} × the unit of {swing.signal}"
     sure = [(s, w) for (chance, _), s, w in tests if chance < 0.01]
     law, points_to = _law(sure)
     return Evidence(
         statistic=abs(t),
         p=bonferroni(p, len(tests)),
-        sentence=f"{channel.name}: the loss per cycle differs from the model by {mean / channel.scale:+.3g} {unit} at "
-        f"{swing.frequency:.3g} Hz{law}",
+        sentence=f"{channel.name}: the loss per cycle, measured minus predicted, is {mean / channel.scale:+.3g} "
+        f"{unit} at {swing.frequency:.3g} Hz{law}",
         points_to=points_to,
         draw=lambda: Figure(
             kind="points",
@@ -96,9 +96,9 @@ def _law(sure: list[tuple[Swing, float]]) -> tuple[str, str]:
     powers = np.full(2, np.nan)
     powers[spread] = np.linalg.lstsq(columns, logs[:, 2], rcond=None)[0][1:]
     a, b = powers
-    said = [f"A^{a:.2g}"] if spread[0] else []
-    said += [f"f^{b:.2g}"] if spread[1] else []
-    text = "; it grows like " + " ".join(said)
+    said = [f"amplitude^{a:.2g}"] if spread[0] else []
+    said += [f"frequency^{b:.2g}"] if spread[1] else []
+    text = "; it grows with " + " · ".join(said)
     flat, quadratic = not spread[1] or abs(b) < 0.25, not spread[0] or a > 1.6
     if spread[0] and a < 1.4 and flat:
         return text, "Coulomb or Berg friction"
@@ -139,8 +139,8 @@ def quasi_static(residuals: Residuals, c: int) -> Evidence | NotApplicable:
         statistic=max(abs(t) for _, t in tests),
         p=bonferroni(min(p for p, _ in tests), 2),
         sentence=f"half the width of the loop of {channel.name} differs by {shown[0]:.3g} {unit} at "
-        f"{first.frequency:.3g} Hz and by {shown[1]:.3g} {unit} at {second.frequency:.3g} Hz: "
-        + ("it does not depend on the speed" if same else "it depends on the speed"),
+        f"{first.frequency:.3g} Hz and by {shown[1]:.3g} {unit} at {second.frequency:.3g} Hz, so it "
+        + ("does not depend on the speed" if same else "depends on the speed"),
         points_to="Berg or Coulomb friction" if same else "Maxwell, viscous loss",
         draw=lambda: Figure(
             kind="lines",

@@ -230,7 +230,7 @@ def _surface(
     rest = (
         ""
         if share > 0.5
-        else f", which explain {max(share, 0.0):.0%} of it: something else contributes, such as a hidden state"
+        else f". These two explain only {max(share, 0.0):.0%} of it, so another state contributes"
     )
 
     def draw() -> Figure:

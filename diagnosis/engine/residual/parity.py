@@ -51,12 +51,12 @@ def _against_chance(
     return Evidence(
         statistic=ratio,
         p=float(fdtrc(seen.size, floor.size, ratio)),
-        sentence=f"{name}: measured and predicted differ by {np.sqrt(ratio):.3g} times what noise alone would cause",
+        sentence=f"{name}: measured minus predicted is {np.sqrt(ratio):.3g} times the noise",
         points_to=name,
         draw=lambda: Figure(
             kind="points",
             x_label="s",
-            y_label="measured less predicted",
+            y_label="measured minus predicted",
             series=[Series(name=name, x=numbers(time * residuals.step), y=numbers(seen))],
         ),
     )
