@@ -147,8 +147,8 @@ def _turn(
 
     if not keeping.wait and (found := others()):
         raise NotReserved(
-            f"{', '.join(plan.name for plan in plans)} by {by} would meet {found[0]}, on {rig.name}; start it with "
-            f'--wait after the reservation, or as its operator with --operator "{found[0].by}"'
+            f"{', '.join(plan.name for plan in plans)} by {by} would meet {found[0]}, on {rig.name}; add "
+            f'--wait to start it afterwards, or give its operator with --operator "{found[0].by}"'
         )
     while True:
         if keeping.wait:  # outside the queue, where it would keep the holder of the reservation waiting
