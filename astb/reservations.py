@@ -1,5 +1,6 @@
-"""Reservations of a rig by name and time, in a file in the folder of its queue."""
+"""Reservations of a rig by name and time, in a file that outlives restarts of the machine."""
 
+import os
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -7,7 +8,8 @@ from typing import Annotated, Final
 
 import msgspec
 
-from astb.run_queue import locked, queue_path
+from astb.live.door import door_path
+from astb.run_queue import locked
 from bench_protocol.runtime.own_folder import own_directory
 from bench_records.layout import put
 from drivers.errors import BenchError
@@ -44,7 +46,7 @@ class Reservation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def reservations(rig_file: Path) -> list[Reservation]:
     """Return the present and future reservations of the rig of this file, in order. NotReserved for an invalid file."""
-    path = queue_path(rig_file) / _FILE
+    path = reservations_folder(rig_file) / _FILE
     try:
         found = msgspec.json.decode(path.read_bytes(), type=list[Reservation])
     except FileNotFoundError:
@@ -97,10 +99,16 @@ def reserved_for_others(rig_file: Path, by: str, lasts: float) -> list[Reservati
     ]
 
 
+def reservations_folder(rig_file: Path) -> Path:
+    """Return the folder with the reservations of the rig of this file."""
+    state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
+    return state / "astb" / door_path(rig_file).with_suffix(".reservations").name
+
+
 def _change(rig_file: Path, change: Callable[[list[Reservation]], list[Reservation]]) -> None:
-    folder = queue_path(rig_file)
+    folder = reservations_folder(rig_file)
     try:
-        own_directory(folder.parent)
+        folder.parent.mkdir(parents=True, exist_ok=True)
         own_directory(folder)
         with locked(folder):
             put(folder / _FILE, msgspec.json.encode(change(reservations(rig_file))))

@@ -21,11 +21,11 @@ from astb.reservations import (
     Reservation,
     cancel,
     reservations,
+    reservations_folder,
     reserve,
     reserved_for_others,
 )
 from astb.rig_file import RigFile, find_rig
-from astb.run_queue import queue_path
 from test_plans.discovery import plans
 from tests.refusals import refuses
 
@@ -44,6 +44,7 @@ reserve(Path("hall.toml"), Reservation(now, now + timedelta(hours=1), "A. Miller
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(run_queue, "_LOOK", 0.01)
 
@@ -97,7 +98,7 @@ def test_expired_reservations_disappear():
         pass
     assert reservations(RIG) == [] == reserved_for_others(RIG, "me", 60.0)
     reserve(RIG, soon("next"))
-    assert b"past" not in (queue_path(RIG) / "reservations.json").read_bytes()
+    assert b"past" not in (reservations_folder(RIG) / "reservations.json").read_bytes()
 
 
 def test_no_reservation_is_lost_among_several_writers():
@@ -141,7 +142,7 @@ def test_an_impossible_reservation_is_refused(wrong):
 
 def test_a_damaged_file_is_reported():
     reserve(RIG, soon("A"))
-    path = queue_path(RIG) / "reservations.json"
+    path = reservations_folder(RIG) / "reservations.json"
     path.write_bytes(path.read_bytes()[:-3])
     with refuses(NotReserved, str(path)):
         reservations(RIG)
