@@ -11,20 +11,25 @@ diagnosed again, each without this one rule. The comparison of both is paired: t
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 from typing import Any, Final
 
 import click
 import msgspec
+from scipy.stats import binomtest
 
 from astb_studies.benchmarks.diagnosis.campaign import COUNTED, Case, carry_out, cases, siblings
 from astb_studies.benchmarks.diagnosis.judge import CLEAR, Judged
 from astb_studies.benchmarks.diagnosis.statistics import Rate
+from diagnosis.engine import diagnose, gates, rivals
+from diagnosis.engine.fitting.predict import predict
 
 #: Seeds of the ablation begin here: no rule was chosen by these cases.
 FIRST_SEED: Final = 31_000_000
+#: The package of all rules; `diagnose` has imported each of its modules.
+ENGINE: Final = diagnose.__package__
 KEPT: Final = COUNTED / "ablation.jsonl"
 
 
@@ -41,7 +46,7 @@ class Rule:
     @property
     def original(self) -> Callable[..., Any]:
         """The function in the engine."""
-        return getattr(import_module(f"diagnosis.engine.{self.module}"), self.function)
+        return getattr(import_module(f".{self.module}", ENGINE), self.function)
 
     @contextmanager
     def replaced(self, by: Callable[..., Any]) -> Iterator[None]:
@@ -72,11 +77,7 @@ def _unlike_first(result: Any, first: Any, *_others: Any) -> bool:
 
 
 def _without_swaps(problem: Any, state: Any) -> Any:
-    from dataclasses import replace
-
-    from diagnosis.engine.rivals import _rivals
-
-    return replace(state, rivals={old: _rivals(problem, state, old) for old in state.current.effects})
+    return replace(state, rivals={old: rivals._rivals(problem, state, old) for old in state.current.effects})
 
 
 def _swapped(result: Any, _problem: Any, state: Any) -> bool:
@@ -84,14 +85,10 @@ def _swapped(result: Any, _problem: Any, state: Any) -> bool:
 
 
 def _only_explained(*args: Any) -> str:
-    from diagnosis.engine.gates import explains_too_little
-
-    return explains_too_little(*args)
+    return gates.explains_too_little(*args)
 
 
 def _as_judged(judgement: Any, runs: Any, _config: Any) -> Any:
-    from diagnosis.engine.fitting.predict import predict
-
     return judgement, predict(judgement.model, runs, fixed=True)
 
 
@@ -241,7 +238,6 @@ def ablate(case: Case) -> Ablated:
 
     Raises RuntimeError if there is no finding.
     """
-    import_module("diagnosis.engine.diagnose")  # all modules must be there before functions are replaced
     acted: set[str] = set()
 
     def observed(rule: Rule, original: Callable[..., Any], *args: Any, **named: Any) -> Any:
@@ -287,8 +283,6 @@ def table(ablated: Sequence[Ablated]) -> list[str]:
 
     A pair "3 / 1" is: three cases are better with the rule, one is better without it. p is that of the sign test.
     """
-    from scipy.stats import binomtest
-
     lines = [
         "| rule | acted | exact: better with / without | reported | false names | p, least of the three |",
         "|---|---|---|---|---|---|",
