@@ -272,8 +272,8 @@ def _socketcan() -> MachineCheck:
         pass
     else:
         mend = "" if up else f"ip link set {VIRTUAL_INTERFACE} up"
-        said = f"{VIRTUAL_INTERFACE} is {'up' if up else 'down'}"
-        return MachineCheck("SocketCAN", "fine" if up else "missing", said, purpose, mend)
+        text = f"{VIRTUAL_INTERFACE} is {'up' if up else 'down'}"
+        return MachineCheck("SocketCAN", "fine" if up else "missing", text, purpose, mend)
     try:
         socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
     except (OSError, AttributeError):

@@ -164,10 +164,10 @@ class Messages:
         )
 
     def _send(self, text: str, **content: Any) -> None:
-        told = msgspec.json.encode({"text": text, **content})
+        encoded = msgspec.json.encode({"text": text, **content})
 
         def take() -> None:
-            if wrong := self._to.take(text, told):
+            if wrong := self._to.take(text, encoded):
                 self.warn(f"the message {text!r} was not delivered: {wrong}")
 
         threading.Thread(target=take, name="message").start()

@@ -100,8 +100,8 @@ def run(bench: "Bench", request: pytest.FixtureRequest, tmp_path: Path) -> "Call
     def run_one(plan: "str | Plan", answers: "Mapping[str, Reply] | None" = None) -> "Result":
         out = records or tmp_path
         result, directory = run_plan(plan, bench, out, report=bool(records), answers=answers)
-        told = [f"{result.plan}: {result.verdict}, record in {directory}", *map(str, result.checks)]
-        request.node.add_report_section("call", "plan", "\n".join(told))
+        lines = [f"{result.plan}: {result.verdict}, record in {directory}", *map(str, result.checks)]
+        request.node.add_report_section("call", "plan", "\n".join(lines))
         if result.verdict is Outcome.BLOCKED:
             raise Blocked(f"{result.plan}: {result.reason}")
         return result

@@ -156,7 +156,7 @@ class _News:
 def _conclude(
     twin: "subprocess.Popen[str]", directory: Path, news: _News, warn: Callable[[str], None]
 ) -> None:
-    wall, pulse, told, said = RealClock(), _Pulse(twin), False, ""
+    wall, pulse, reported, said = RealClock(), _Pulse(twin), False, ""
     while True:
         try:
             _, said = twin.communicate(timeout=_AGAIN)
@@ -171,8 +171,8 @@ def _conclude(
                     f"the twin (process {twin.pid}) {why} and was ended; repeat it with `astb watch {directory}`"
                 )
                 return
-            if not told and wall.now() > _QUIET * NS:
-                told = True
+            if not reported and wall.now() > _QUIET * NS:
+                reported = True
                 warn(f"waiting for the last results of the twin, for {_PATIENCE:g} s at most")
     with suppress(RecordError):
         story = read_twin(directory)

@@ -61,6 +61,6 @@ class Account:
 
     def as_meta(self) -> dict[str, Any]:
         """Return the meta data for a record, under one key; empty without content."""
-        told = {"taken": self.taken, "left_out": self.counts, "quality": self.quality}
-        kept = {key: value for key, value in told.items() if value}
+        content = {"taken": self.taken, "left_out": self.counts, "quality": self.quality}
+        kept = {key: value for key, value in content.items() if value}
         return {"reading": kept} if kept else {}

@@ -42,7 +42,7 @@ class Decoding:
             account.leave_out(
                 f"frame(s) of {name} shorter than its {self.message.coding.length} bytes in part"
             )
-        told = set()
+        reported = set()
         for part in self._parts:
             try:
                 found: Any = part.decode(data, decode_choices=False, scaling=not raw, allow_truncated=True)
@@ -50,9 +50,9 @@ class Decoding:
                 account.leave_out(f"frame(s) of {name} with a page that the DBC does not have")
                 continue
             for signal, value in found.items():
-                if signal in told:
+                if signal in reported:
                     continue  # the selector of several pages
-                told.add(signal)
+                reported.add(signal)
                 yield signal, self._checked(signal, value, account) if raw else float(value)
 
     def _checked(self, name: str, raw: float, account: Account) -> float:

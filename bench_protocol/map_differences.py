@@ -44,13 +44,13 @@ class Differences:
         }
 
     def __str__(self) -> str:
-        told = [
+        lines = [
             _listed("missing", [f"{name} ({text})" for name, text in self.missing.items()]),
             _listed("moved", [f"{name} ({text})" for name, text in self.moved.items()]),
             _listed("otherwise", [f"{name} ({text})" for name, text in self.recoded.items()]),
             _listed("new", list(self.new)),
         ]
-        return "; ".join(filter(None, told)) or "no signal differs by name"
+        return "; ".join(filter(None, lines)) or "no signal differs by name"
 
 
 def _listed(what: str, names: list[str]) -> str:

@@ -146,8 +146,8 @@ def certainty(one: Check) -> str:
         return f"no uncertainty: {one.without}"
     if not one.u or one.conformity is None or not math.isfinite(one.number):
         return ""
-    told = f"conforms with {percent(one.conformity)} probability (k = {one.k:.3g})"
-    return f"{told}; uncertainty {causes}" if (causes := _causes(one.parts, one.u)) else told
+    text = f"conforms with {percent(one.conformity)} probability (k = {one.k:.3g})"
+    return f"{text}; uncertainty {causes}" if (causes := _causes(one.parts, one.u)) else text
 
 
 def _causes(parts: Mapping[str, float], u: float) -> str:

@@ -97,20 +97,22 @@ def _names(a: Path, b: Path) -> tuple[str, str]:
 
 
 def _all_facts(result: Result, facts: dict[str, Any]) -> dict[str, str]:
-    told = {name: value for name, value in facts.items() if name not in {"title", "instruction"}}
-    if isinstance(parameters := told.get("parameters"), dict):  # `circumstances` lists the effects in words
-        told["parameters"] = {name: value for name, value in parameters.items() if name != "effects"}
+    content = {name: value for name, value in facts.items() if name not in {"title", "instruction"}}
     if isinstance(
-        instruments := told.get("instruments"), dict
+        parameters := content.get("parameters"), dict
+    ):  # `circumstances` lists the effects in words
+        content["parameters"] = {name: value for name, value in parameters.items() if name != "effects"}
+    if isinstance(
+        instruments := content.get("instruments"), dict
     ):  # the checksum of their file shows a difference
-        told["instruments"] = {name: value for name, value in instruments.items() if name != "pieces"}
-    told |= {"plan": result.plan, "rig": result.rig, "seed": result.seed, "set": result.parameters}
+        content["instruments"] = {name: value for name, value in instruments.items() if name != "pieces"}
+    content |= {"plan": result.plan, "rig": result.rig, "seed": result.seed, "set": result.parameters}
     if result.specimen is not None:
-        told["specimen"] = msgspec.to_builtins(result.specimen)
+        content["specimen"] = msgspec.to_builtins(result.specimen)
     return {
         # The first 12 digits of a checksum are enough.
         name: "" if value is None else str(value)[:12] if name.endswith("sha256") else str(value)
-        for name, value in flattened(told)
+        for name, value in flattened(content)
     }
 
 

@@ -48,12 +48,12 @@ def first_trip(record: Record) -> dict[str, Any] | None:
     followers = [event for event in followers if event.kind in {TRIP, "state"}]
     near = [event for event in followers if record.time_of(event) - at <= AROUND_TRIP_S]
     if near:
-        told = "; ".join(
+        text = "; ".join(
             f"{fixed((event.time_ns - first.time_ns) / 1e6, 0)}{THIN_SPACE}ms later {event.text}"
             for event in near[:6]
         )
         more = f"; and {len(near) - 6} more" if len(near) > 6 else ""
-        sentences.append(f"Then {told}{more}.")
+        sentences.append(f"Then {text}{more}.")
     else:
         sentences.append(
             f"No other limit tripped and no state changed in the next {AROUND_TRIP_S:.0f}{THIN_SPACE}s."

@@ -315,9 +315,9 @@ def _write(
     if begins:
         account.take(f"the record begins {-begins / SECOND:.9g} s before its clock is at 0")
     instants = start + np.rint(times[order] * SECOND).astype(np.int64)
-    told = {**meta, **account.as_meta()}
+    content = {**meta, **account.as_meta()}
     signals = [*(one.signal for one in found), *silent]
-    with Recorder(into, signals, told, start_ns=start + begins, in_background=False) as recorder:
+    with Recorder(into, signals, content, start_ns=start + begins, in_background=False) as recorder:
         for event in events:
             recorder.event(event.time_ns, event.kind, event.text, **event.data)
         recorder.receive(instants, np.concatenate(places)[order], values[order])

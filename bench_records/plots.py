@@ -101,14 +101,14 @@ def heading(axes: Axes, title: str, unit: str, what: str = "") -> None:
     """Write the title on the left, quantity and unit on the right above the axes; smaller if there is no room for
     both.
     """
-    told = ", ".join(filter(None, [what, unit]))
+    text = ", ".join(filter(None, [what, unit]))
     room = 72.0 * axes.get_position().width * axes.figure.get_figure(root=True).get_figwidth()
     size = _TITLE * min(
-        1.0, (room - _width(told, 8.5) - _BETWEEN) / max(_width(title, _TITLE, bold=True), 1.0)
+        1.0, (room - _width(text, 8.5) - _BETWEEN) / max(_width(title, _TITLE, bold=True), 1.0)
     )
     # With y given, matplotlib does not measure the drawing to place the title.
     axes.set_title(title, loc="left", fontsize=max(size, 6.0), fontweight="bold", pad=5, y=1.0)
-    axes.set_title(told, loc="right", fontsize=8.5, color=SOFT, pad=5, y=1.0)
+    axes.set_title(text, loc="right", fontsize=8.5, color=SOFT, pad=5, y=1.0)
 
 
 def _width(text: str, size: float, *, bold: bool = False) -> float:

@@ -69,9 +69,9 @@ def write_pdf(page: Path) -> Path:
         except OSError as error:
             raise RecordError(f"{program} cannot be started: {error.strerror}; {MEND}") from None
         if not new.is_file():
-            said = done.stderr.strip().splitlines()
+            lines = done.stderr.strip().splitlines()
             raise RecordError(
-                f"{program} did not print {page}: {said[-1] if said else f'exit {done.returncode}'}"
+                f"{program} did not print {page}: {lines[-1] if lines else f'exit {done.returncode}'}"
             )
         with kept(target):
             shutil.copyfile(new, target)

@@ -132,8 +132,8 @@ def _banner(result: Result, twin: TwinStory | None) -> Banner:
     if result.checks:
         named = {CheckVerdict.ERROR: "without a value"}
         counts = [(result.count(verdict), named.get(verdict, verdict.value)) for verdict in CheckVerdict]
-        told = [f"{n} {name}" for n, name in counts if n or name != CheckVerdict.NOT_AVAILABLE.value]
-        tally = "\u2002·\u2002".join(told)
+        lines = [f"{n} {name}" for n, name in counts if n or name != CheckVerdict.NOT_AVAILABLE.value]
+        tally = "\u2002·\u2002".join(lines)
     return Banner(result.verdict.value, why, tally, result.verdict.value + " deviates" * bool(deviations))
 
 

@@ -158,11 +158,11 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
         else:
             limits = f"{_shown(self.low, self.scale)} to {high}"
         if self.u is None or math.isnan(self.number):
-            told = f"{self.name} = {_shown(self.number, self.scale, self.unit)} ({limits}): {self.verdict}"
-            return f"{told}; no uncertainty: {self.without}" if self.without else told
+            text = f"{self.name} = {_shown(self.number, self.scale, self.unit)} ({limits}): {self.verdict}"
+            return f"{text}; no uncertainty: {self.without}" if self.without else text
         value, expanded = self.written
-        told = f"{self.name} = {f'{value} ± {expanded} {self.unit}'.rstrip()} (k = {self.k:.3g}; {limits})"
-        return f"{told}: {self.verdict}, conforms with {percent(self.conformity or 0.0)} probability"
+        text = f"{self.name} = {f'{value} ± {expanded} {self.unit}'.rstrip()} (k = {self.k:.3g}; {limits})"
+        return f"{text}: {self.verdict}, conforms with {percent(self.conformity or 0.0)} probability"
 
     @property
     def written(self) -> tuple[str, str]:

@@ -309,7 +309,7 @@ class Bench(Link):
 
 def _after(wanted: str, orders: Collection[Order]) -> str:
     """Return the expected state and the orders sent for it, as text."""
-    said = "; ".join(
+    text = "; ".join(
         ", ".join(f"{name} = {value:g}" for name, value in order.values.items()) for order in orders
     )
-    return f"{wanted} (after {said})" if said else wanted
+    return f"{wanted} (after {text})" if text else wanted

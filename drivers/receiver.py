@@ -131,8 +131,8 @@ class Capture:
         series = {name: self._series(name) for name in self.names}
         empty = [name for name, (times, _) in series.items() if times.size == 0]
         if empty:
-            told = f"{', '.join(empty)}: no samples in this capture, so it cannot be aligned"
-            raise Misuse(told) if len(empty) == len(series) else Stale(told)  # others have samples
+            text = f"{', '.join(empty)}: no samples in this capture, so it cannot be aligned"
+            raise Misuse(text) if len(empty) == len(series) else Stale(text)  # others have samples
         first = max(times[0] for times, _ in series.values())
         last = min(times[-1] for times, _ in series.values())
         # Half a nanosecond of slack: a grid that ends exactly on the last sample includes it.

@@ -105,8 +105,8 @@ def execute(
         plan.judges,
         twin=twin or NoTwin(),
     )
-    told = {name: str(facts.get(name, "")) for name in ("operator", "ambient")}
-    rest = {"began": facts.get("date", ""), "rig": rig, "seed": seed, **told}
+    content = {name: str(facts.get(name, "")) for name in ("operator", "ambient")}
+    rest = {"began": facts.get("date", ""), "rig": rig, "seed": seed, **content}
     with Interruptions() as stops:
         result, left = _carried_out(plan, run, recording, directory, stops, rest)
     if left is not None:
@@ -155,14 +155,14 @@ def blocked_by_the_link(result: Result) -> bool:
 
 def _facts(plan: Plan, spring: Specimen, instruments: Instruments, dimensions: Dimensions) -> dict[str, Any]:
     """Return the entries of a record that are known before the run."""
-    told = {"instruments": instruments.facts, "dimensions": dimensions.facts}
+    content = {"instruments": instruments.facts, "dimensions": dimensions.facts}
     return {
         "plan": plan.name,
         "title": plan.title,
         "instruction": plan.instruction,
         "set": plan.written,
         "specimen": spring.facts,
-        **{name: facts for name, facts in told.items() if facts},
+        **{name: facts for name, facts in content.items() if facts},
     }
 
 

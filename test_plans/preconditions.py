@@ -70,10 +70,10 @@ def supply(at_least: float) -> Precondition:
                 lambda: run.bench.supply.pressure >= at_least, within=SUPPLY_WITHIN, what="supply pressure"
             )
         pressure = run.bench.average("supply.pressure", over=0.5)
-        told = f"{pressure / bar:.2f} bar"
+        text = f"{pressure / bar:.2f} bar"
         good = pressure >= at_least
         return ConditionResult(
-            good, told if good else f"{told}; open the supply until it has {at_least / bar:g} bar"
+            good, text if good else f"{text}; open the supply until it has {at_least / bar:g} bar"
         )
 
     return Precondition(f"supply pressure of at least {at_least / bar:g} bar", look, strict=False, armed=True)
@@ -122,13 +122,13 @@ def gas(low: float, high: float) -> Precondition:
         found = [run.bench.readings.value(name) for name in names]
         if silent := [name for name, one in zip(names, found, strict=True) if isnan(one)]:
             return ConditionResult(False, f"no samples arrive of {' and '.join(silent)}")
-        told = " and ".join(f"{one - ICE:.1f} °C" for one in found)
+        text = " and ".join(f"{one - ICE:.1f} °C" for one in found)
         good = all(low <= one <= high for one in found)
         cold = any(one < low for one in found)
         right = (
             f"{COLD_FROM_BEFORE}; the hall must have {span}" if cold else f"wait until the hall has {span}"
         )
-        return ConditionResult(good, told if good else f"{told}; {right}")
+        return ConditionResult(good, text if good else f"{text}; {right}")
 
     return Precondition(f"gas in the springs at {span}", look, strict=False)
 

@@ -211,9 +211,9 @@ def _what_comes(subject: Subject) -> None:
             f"reception of {', '.join(sorted(expected))}",
         )
         bench.wait(3 * transport.period)
-        heard, end = list(samples), bench.clock.now()
+        received, end = list(samples), bench.clock.now()
     last = -1
-    for time, now, points in heard:
+    for time, now, points in received:
         # In virtual time the simulation runs first, and the clock follows.
         latest = now + _AHEAD if isinstance(bench.clock, RealClock) else end
         if type(time) is not int or not start - 10 * NS <= time <= latest:
@@ -226,7 +226,7 @@ def _what_comes(subject: Subject) -> None:
             if type(value) is not float:
                 raise Breach(f"{name} = {value!r} is not a float")
     for name in expected:
-        times = [time for time, _, points in heard if name in points]
+        times = [time for time, _, points in received if name in points]
         widest = max((b - a for a, b in itertools.pairwise(times)), default=0) / NS
         if widest > transport.stale(name):
             raise Breach(

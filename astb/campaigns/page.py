@@ -170,9 +170,9 @@ def _cell(check: Mapping[str, Any]) -> Cell:
         return "" if (number := in_unit(check, what)) is None else significant(number, 4)
 
     limits = " … ".join(filter(None, (shown("low"), shown("high"))))
-    told = f"{check['name']}: {shown('value') or 'no value'} {unit(check['unit'] or '')} ({limits})"
+    text = f"{check['name']}: {shown('value') or 'no value'} {unit(check['unit'] or '')} ({limits})"
     verdict = check["verdict"]
-    return Cell(SIGNS[verdict], f"cell {verdict.replace(' ', '-')}", primed(told))
+    return Cell(SIGNS[verdict], f"cell {verdict.replace(' ', '-')}", primed(text))
 
 
 def _spread(one: Distribution) -> Spread:

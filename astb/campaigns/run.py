@@ -94,15 +94,15 @@ def run_cases(
 def _keep(kept: KeptRows, one: Finished, facts: dict[str, Any]) -> dict[str, Any]:
     """Store the row of a case, and return it; a row with values that cannot be stored is replaced by an error."""
     known = {"key": one.key, **facts}
-    told = {"error": one.error, "seconds": one.seconds, "worker": one.worker}
+    content = {"error": one.error, "seconds": one.seconds, "worker": one.worker}
     try:
         if not isinstance(one.value, Mapping | None):
             raise ValueError(f"the case returned {type(one.value).__name__}; it must return a dictionary")
-        row = {**known, **(one.value or {}), **known, **told}  # a result does not rename its case
+        row = {**known, **(one.value or {}), **known, **content}  # a result does not rename its case
         kept.add(row)
     except KeptFailed:
         raise
     except ValueError as error:
-        row = known | told | {"error": str(error)}
+        row = known | content | {"error": str(error)}
         kept.add(row)
     return row

@@ -373,10 +373,10 @@ def _verify(folder: Path, runs: "list[KeptRun]") -> NoReturn:
     broken = {name: found for name in ended if (found := broken_files(folder / name))}
     for name, found in broken.items():
         click.echo(f"{name}: {', '.join(found)}")
-    told = f"{len(ended) - len(broken)} of {len(ended)} runs are unchanged"
+    text = f"{len(ended) - len(broken)} of {len(ended)} runs are unchanged"
     if others := len(runs) - len(ended):
-        told += f"; {others} did not end and have no checksums"
-    click.echo(told)
+        text += f"; {others} did not end and have no checksums"
+    click.echo(text)
     raise click.exceptions.Exit(FAIL if broken else PASS)
 
 

@@ -128,15 +128,15 @@ def _write(
     try:
         if fmi:
             (unit,) = units.values()
-            said = f"FMI {fmi}.0, {export.write_unit(unit, out, fmi=int(fmi), native=native)}"
+            text = f"FMI {fmi}.0, {export.write_unit(unit, out, fmi=int(fmi), native=native)}"
         else:
             system.write_system(out.stem, units, out, native=native)
-            said = "SSP 1.0"
+            text = "SSP 1.0"
     except export.ExportError as error:
         blocked(str(error))
     except OSError as error:
         blocked(f"{out} cannot be written: {reason(error)}")
-    click.echo(f"{out}: {said}")
+    click.echo(f"{out}: {text}")
     made = export.platforms()
     for one in made:
         click.echo(f"  {one.name}: built, not tried on this machine")

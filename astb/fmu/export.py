@@ -181,8 +181,8 @@ def _token(unit: Unit, fmi: int) -> str:
     for source in sorted(files("astb.fmu").joinpath("c").iterdir(), key=lambda one: one.name):
         digest.update(source.read_bytes())
     digest.update(unit.defaults.tobytes())
-    told = [unit.code.name, fmi, *(f"{one.name} {one.start}" for one in unit.variables)]
-    digest.update(json.dumps(told).encode())
+    lines = [unit.code.name, fmi, *(f"{one.name} {one.start}" for one in unit.variables)]
+    digest.update(json.dumps(lines).encode())
     text = digest.hexdigest()
     return f"{{{text[:8]}-{text[8:12]}-{text[12:16]}-{text[16:20]}-{text[20:32]}}}"
 

@@ -119,7 +119,7 @@ def parameters_of(
         kind = Kind.FIXED if name in fixed else Kind.TUNABLE
         values = np.asarray(record[name], dtype=np.float64)
         first = offset(kinds, name) // 8
-        said = f"{name.replace('_', ' ')}; {entry.provenance}: {entry.source}"
+        text = f"{name.replace('_', ' ')}; {entry.provenance}: {entry.source}"
         for place, index in enumerate(np.ndindex(values.shape)):
             value, low, high = (float(one[index]) for one in (values, entry.low, entry.high))
             yield Variable(
@@ -127,7 +127,7 @@ def parameters_of(
                 quantity.unit,
                 kind,
                 first + place,
-                said,
+                text,
                 value,
                 min(low, value),
                 max(high, value),

@@ -50,14 +50,14 @@ async def json_body(request: Request) -> dict[str, Any]:
     """Return the JSON object in a request. NotAllowed if it is too long or another kind of data."""
     body = await read_body(request, _BODY_MAX, "the request is too long")
     try:
-        told = msgspec.json.decode(body or b"{}", type=dict[str, Any])
+        content = msgspec.json.decode(body or b"{}", type=dict[str, Any])
     except (msgspec.MsgspecError, UnicodeError) as error:
         raise NotAllowed(f"the request is not valid JSON: {error}", 400) from None
     except RecursionError:
         raise NotAllowed(f"the request is nested too deep; use at most {_DEPTH_MAX} levels", 400) from None
-    if _depth(told) > _DEPTH_MAX:
+    if _depth(content) > _DEPTH_MAX:
         raise NotAllowed(f"the request is nested too deep; use at most {_DEPTH_MAX} levels", 400)
-    return told
+    return content
 
 
 async def read_body(request: Request, most: int, too_much: str) -> bytes:

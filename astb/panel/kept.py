@@ -180,15 +180,15 @@ class Kept:
         found = []
         for path in self._folder.rglob(FINDING):
             try:
-                told = msgspec.json.decode(read_bounded(path, RESULT_BYTES), type=dict[str, Any])
+                content = msgspec.json.decode(read_bounded(path, RESULT_BYTES), type=dict[str, Any])
                 written = datetime.fromtimestamp(path.stat().st_mtime, UTC)
                 found.append(
                     Diagnosis(
                         directory=path.parent.relative_to(self._folder).as_posix(),
                         written=written.strftime("%Y-%m-%dT%H:%M:%SZ"),
-                        verdict=str(told["verdict"]),
-                        sentence=prose(str(told["sentence"])),
-                        simulator=str(told["provenance"]["simulator"]),
+                        verdict=str(content["verdict"]),
+                        sentence=prose(str(content["sentence"])),
+                        simulator=str(content["provenance"]["simulator"]),
                     )
                 )
             except (OSError, ValueError, KeyError, TypeError, RecursionError):

@@ -101,8 +101,8 @@ class Runs:
                 raise CannotDo("a run is in progress already; stop it, or wait for its end")
             if link := self._watch.present().link:
                 raise CannotDo(f"no data from the rig: {link}")
-            told = {"specimen": specimen, "operator": operator, "ambient": ambient}
-            self._launch(plan, settings, told, ["--watch"] if twin else [])
+            content = {"specimen": specimen, "operator": operator, "ambient": ambient}
+            self._launch(plan, settings, content, ["--watch"] if twin else [])
             if self._stops != stops:  # a stop that came meanwhile may not have reached the new process
                 assert self._process is not None
                 self._process.kill()
@@ -142,15 +142,15 @@ class Runs:
     def order(self, do: str, **more: str) -> None:
         """Send an order to the run: hold, resume, stop, answer. CannotDo without a run, or if it refuses."""
         try:
-            told = knock(self._watch.path, {"do": do, **more})
+            answer = knock(self._watch.path, {"do": do, **more})
         except NoRun:
             if do == "stop" and self._starting:  # it has no door yet, and nothing moves
                 assert self._process is not None
                 self._process.terminate()
                 return
             raise CannotDo("no run is in progress") from None
-        if "error" in told:
-            raise CannotDo(told["error"])
+        if "error" in answer:
+            raise CannotDo(answer["error"])
 
     def emergency_stop(self, by: str = "") -> str:
         """Bring the bench to its safe position over the buses, and end the run; return a description of the action.
@@ -166,18 +166,20 @@ class Runs:
         self._stops += 1
         at, pid, by = wall_time_ns(), self._watch.status.pid, by.strip() or SOMEBODY
         try:
-            told = knock(self._watch.path, {"do": "safe", "by": by}, STOP_WITHIN)
+            answer = knock(self._watch.path, {"do": "safe", "by": by}, STOP_WITHIN)
         except NoRun:
-            told = {"error": "the run does not answer"}
-        if "error" not in told:
+            answer = {"error": "the run does not answer"}
+        if "error" not in answer:
             how = (
                 "the run brings the bench to its safe position and ends"
-                if told.get("bench")
+                if answer.get("bench")
                 else "no plan of the run was on the bench, and the run ends"
             )
         elif pid is not None or self._starting:
             self._kill(pid)
-            how = f"{told['error']}: the process of the run was killed, and the rig holds without a commander"
+            how = (
+                f"{answer['error']}: the process of the run was killed, and the rig holds without a commander"
+            )
         else:
             how = self._directly()
         self.stopped = Stopped(by, how, at)
@@ -244,14 +246,14 @@ class Runs:
             self._record = snapshot["record"]
         self._look_at_the_air()
         lonely = self._starting and snapshot is None
-        told: dict[str, Any] = {
+        content: dict[str, Any] = {
             "starting": lonely and not self._record,
             "ending": (lonely and bool(self._record)) or bool(snapshot and snapshot["ended"]),
             "stopped": None if self.stopped is None else self.stopped.as_json(),
         }
         if self._watch.status.pid is None and not self._starting:
-            told["last"] = self._last()
-        return told
+            content["last"] = self._last()
+        return content
 
     def _last(self) -> dict[str, Any] | None:
         if self._record and (Path(self._record) / RESULT).exists():

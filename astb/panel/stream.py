@@ -140,7 +140,7 @@ class Stream:
         may = self._access.may_command(socket)
         if may:
             self._access.keep_seat(page)
-        told: dict[str, Any] = {
+        content: dict[str, Any] = {
             "rig": self._watch.present(),
             "runs": self._runs.state(),
             "access": {
@@ -150,4 +150,4 @@ class Stream:
                 "pages": len(self._pages),
             },
         }
-        return msgspec.json.encode(told).decode()
+        return msgspec.json.encode(content).decode()

@@ -264,15 +264,15 @@ class Watch:
 
     def _run(self) -> tuple[dict[str, Any] | None, int | None]:
         try:
-            told = knock(self.path, {"do": "look"}, BLIND / 2)
+            answer = knock(self.path, {"do": "look"}, BLIND / 2)
         except Deaf:
             return None, self.status.pid  # it is still there, and a stop ends it
         except NoRun:
             return None, None
-        run = told.get("snapshot")
+        run = answer.get("snapshot")
         if run is not None:
             run["twin"] = self._twin_reader.story(run.get("record", ""))
-        return run, told.get("pid")
+        return run, answer.get("pid")
 
     def _look(self, listening: Listening) -> Status:
         readings, glimpse = listening.readings, listening.readings.glimpse

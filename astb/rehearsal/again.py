@@ -195,11 +195,11 @@ def _not_the_same(record: Record, name: str, *series: "np.typing.NDArray[np.floa
 def changed_checks(before: "Sequence[Check]", now: "Sequence[Check]") -> list[str]:
     """Return the checks with changed results, as text."""
     was = {one.name: str(one) for one in before}
-    told = [
+    lines = [
         f"{one}  (before: {was[one.name]})" if one.name in was else f"{one}  (before: no such check)"
         for one in now
         if was.get(one.name) != str(one)
     ]
-    return told + [
+    return lines + [
         f"{name}: not judged  (before: {was[name]})" for name in was if name not in {one.name for one in now}
     ]

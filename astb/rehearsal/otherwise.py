@@ -38,8 +38,8 @@ class Otherwise(NamedTuple):
         )
         after = simulated_parameters(other).as_built(seed).record
         names = differing(before, after)
-        told = [f"{name} = {_shown(value)}" for name, value in (*effects.items(), *changes.items())]
-        return cls(names, after, told + [_KEPT] * (not VOLUMES.isdisjoint(names)))
+        lines = [f"{name} = {_shown(value)}" for name, value in (*effects.items(), *changes.items())]
+        return cls(names, after, lines + [_KEPT] * (not VOLUMES.isdisjoint(names)))
 
     def begin(self, rig: "Rig", at: float) -> None:
         """Apply the changes from ``at`` s of the rig's time on. Raises ParameterError for springs that an FMU

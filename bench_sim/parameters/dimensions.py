@@ -116,9 +116,9 @@ def _spacings(dimensions: Mapping[str, float]) -> dict[str, float]:
         if parameter == "spring_half_spacing":
             places.add(dimensions["spring_half_spacing"])
         if max(places) - min(places) > _SAME:
-            told = ", ".join(f"{one:g} m" for one in sorted(places))
+            text = ", ".join(f"{one:g} m" for one in sorted(places))
             raise ParameterError(
-                f"{parameter}: {told} from the middle; the simulated bench needs the same distance on "
+                f"{parameter}: {text} from the middle; the simulated bench needs the same distance on "
                 "both sides, and lasers at the springs"
             )
         found[parameter] = max(places)

@@ -248,14 +248,14 @@ def _take_block(c: Any, block: Any, sender: int, incoming: Incoming, published: 
     tally = receiving.tally
     for k in range(block.size):
         block[k].time = c.tick * TICK_NS
-    heard = c.token != 0 and c.commander == sender
+    received = c.token != 0 and c.commander == sender
     strangers = tally[Tally.STRANGE]
     count = decode_into(
         block,
         receiving.rows,
         receiving.messages,
         receiving.fields,
-        c.token if heard else NOBODY,
+        c.token if received else NOBODY,
         receiving.counters,
         receiving.times,
         tally,
@@ -273,7 +273,7 @@ def _take_block(c: Any, block: Any, sender: int, incoming: Incoming, published: 
     signals, values = receiving.sample_signals[:count], receiving.sample_values[:count]
     for k in range(count):
         # If several clients request in one tick, the holder is answered, or else the first.
-        if signals[k] == _NONCE_ROW and (c.asked == 0 or (heard and c.asked_sender != sender)):
+        if signals[k] == _NONCE_ROW and (c.asked == 0 or (received and c.asked_sender != sender)):
             c.asked = 1
             c.asked_sender = sender
             c.asked_nonce = np.int64(values[k])

@@ -103,7 +103,7 @@ def diagnose(
     share_heap()
     give_back()  # The reader of the data has left space.
     config = config or Config()
-    tell = progress or (lambda _text, _part: None)
+    report = progress or (lambda _text, _part: None)
     data, model = measured_channels(dataset, simulator)
     if len({run.role for run in data.runs}) == 1:
         data = split(data, config.seed)
@@ -115,11 +115,11 @@ def diagnose(
     replay = Replay(model, data.of("fit"), config.workers)
     problem = Problem(replay, data.of("select"), hypotheses, config)
 
-    found = search(problem, tell)  # steps 2 to 6
-    tell("looking for unknown effects", 0.91)
+    found = search(problem, report)  # steps 2 to 6
+    report("looking for unknown effects", 0.91)
     judgement = without_substitutes(problem, judge(problem, found))  # steps 7 and 8
     del found  # The columns of all candidates are large and no longer needed.
-    tell("measuring the gain", 0.92)
+    report("measuring the gain", 0.92)
     return _finding(data, judgement, hypotheses, config, menu, checks)  # steps 1 and 9
 
 

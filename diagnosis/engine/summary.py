@@ -186,10 +186,10 @@ def _alternatives(found: Finding) -> str:
     rivals = [r for r in found.ambiguous_with if (r.instead_of, r.effect) not in laws]
     if not rivals:
         return "" if laws else "No other tested cause explains these runs equally well."
-    told = " or ".join(
+    text = " or ".join(
         f"{_with_size(one)} instead of {titles.get(one.instead_of, one.instead_of)}" for one in rivals
     )
-    return f"These runs can also be explained by {told}."
+    return f"These runs can also be explained by {text}."
 
 
 def _suspected(found: Finding, left: Remainder) -> str:

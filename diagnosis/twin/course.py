@@ -233,11 +233,11 @@ def _from(cause: PossibleCause) -> str:
 
 
 def _cause(cause: PossibleCause) -> str:
-    told = f"{cause.title}, {cause.shown}"
+    text = f"{cause.title}, {cause.shown}"
     if cause.form == Form.AT_ONCE or cause.since is None:
-        return told
+        return text
     if cause.form == Form.GROWING:
         if cause.until is None:
-            return f"{told}, still growing since {_at(cause.since)}"
-        return f"{told}, grown from {cause.since:.1f} to {_at(cause.until)}"
-    return told if cause.until is None else f"{told}, from {cause.since:.1f} to {_at(cause.until)}"
+            return f"{text}, still growing since {_at(cause.since)}"
+        return f"{text}, grown from {cause.since:.1f} to {_at(cause.until)}"
+    return text if cause.until is None else f"{text}, from {cause.since:.1f} to {_at(cause.until)}"

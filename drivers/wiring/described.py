@@ -298,8 +298,8 @@ class DescribedWiring(Outlet):
     def identity(self) -> str:
         """Return the points, or the table of signals, by which the rig was identified."""
         points = [f"{point} = {value:g}" for point, value in self._description.identity.items()]
-        told = "; ".join(filter(None, (", ".join(points), self.direct.identity())))
-        return told or "unknown: the wiring has no [identity], so any rig with these points is accepted"
+        text = "; ".join(filter(None, (", ".join(points), self.direct.identity())))
+        return text or "unknown: the wiring has no [identity], so any rig with these points is accepted"
 
     def source(self, name: str) -> str:
         """Return the points of a signal, or its place in the table."""
@@ -351,15 +351,15 @@ class DescribedWiring(Outlet):
         if self._carried.issuperset(names):
             return self.direct.read(names)
         refuse_absent(self, *names)
-        told = self._player.state() if self._player is not None else {}
+        content = self._player.state() if self._player is not None else {}
         if carried := [name for name in names if name in self._carried]:
-            told = {**told, **self.direct.read(carried)}
-        sources = {name: self._points_of(name) for name in names if name not in told}
+            content = {**content, **self.direct.read(carried)}
+        sources = {name: self._points_of(name) for name in names if name not in content}
         numbers = self._points.read(point for points in sources.values() for point in points)
         found = {}
         for name in names:
-            if name in told:
-                found[name] = told[name]
+            if name in content:
+                found[name] = content[name]
             elif name in self._description.settings:
                 found[name] = self._settings.si(name, numbers)
             else:

@@ -41,8 +41,8 @@ class Streaming:
 
     def begin(self, clock: Clock) -> None:
         """Start heartbeats and cyclic messages, and wait until the rig has received some before the first command."""
-        if not self.commanded and (heard := self._give_life_signs()):
-            wait = heard + self._description.capabilities.latency
+        if not self.commanded and (received := self._give_life_signs()):
+            wait = received + self._description.capabilities.latency
             clock.sleep_until(clock.now() + round(wait * NS))
 
     def _give_life_signs(self) -> float:
@@ -79,9 +79,9 @@ class Streaming:
         for name, one in self._transports.items():
             refusal = one.refusal
             if refusal is not None and time - max(refusal.since, self._active_since) > _REFUSED_FOR:
-                said = f"{self._rig} refuses set-points on {name}: {refusal.error}"
+                text = f"{self._rig} refuses set-points on {name}: {refusal.error}"
                 error = refusal.error
-                return Refused(said, error.code) if isinstance(error, Refused) else type(error)(said)
+                return Refused(text, error.code) if isinstance(error, Refused) else type(error)(text)
         return None
 
     def _numbers(self, values: Floats, offsets: Mapping[int, float]) -> dict[str, dict[str, float]]:

@@ -78,8 +78,8 @@ class Measured:
             return self
         whole = hypot(self.u, u)
         parts = {**self.parts, cause: hypot(self.parts.get(cause, 0.0), u)}
-        told = {one: part for one, part in parts.items() if part**2 > LEAST_SHARE * whole**2}
-        return replace(self, u=whole, even=max(self.even, u) if even else self.even, parts=told)
+        content = {one: part for one, part in parts.items() if part**2 > LEAST_SHARE * whole**2}
+        return replace(self, u=whole, even=max(self.even, u) if even else self.even, parts=content)
 
 
 @dataclass(frozen=True, slots=True)

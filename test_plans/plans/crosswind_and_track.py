@@ -196,12 +196,12 @@ def _bench_holds(name: str) -> Precondition:
             if held
             else f"no wind from {WINDS.low:g} m/s on can be held; set a smaller amplitude, frequency or roll"
         )
-        told = (
+        text = (
             f"wind = {asked['wind']:g} m/s ({asked['kind']}), amplitude = {asked['amplitude'] / mm:g} mm, frequency = "
             f"{asked['frequency']:g} Hz and roll = {asked['roll'] / mrad:g} mrad would move the bolster by up to "
             f"{way / mm:.1f} mm, and it has {room / mm:g} mm to its bump stop; {right}"
         )
-        return ConditionResult(False, told)
+        return ConditionResult(False, text)
 
     return Precondition("travel of the bolster to its bump stop", look, strict=False)
 
@@ -420,7 +420,7 @@ def _judge(run: Run, load: Load, seen: Seen, values: Values, rolled: float) -> N
     stiffness, damping, leans, torque = run.measure(numbers, run.rig, values)
     K = seen.stiffness(seen.shaken, run.rig, values)
     pieces = [seen.stiffness(piece, run.rig, values) for piece in seen.pieces()]
-    told = f"sheared by {K.amplitude / mm:.2f} mm at {K.frequency:g} Hz"
+    text = f"sheared by {K.amplitude / mm:.2f} mm at {K.frequency:g} Hz"
     stiffness = stiffness.with_uncertainty(SCATTER, spread([one.storage for one in pieces]))
     damping = damping.with_uncertainty(SCATTER, spread([one.damping for one in pieces]))
     wide = float(np.ptp(values["platform.lateral"][seen.shaken])) / 2 / K.amplitude
@@ -435,9 +435,9 @@ def _judge(run: Run, load: Load, seen: Seen, values: Values, rolled: float) -> N
         stiffer = float(np.interp(abs(rolled), list(rolls), [middle(band) for band in rolls.values()]))
         low, high = (stiffer * end for end in _limits(load, "stiffness", K))
         more = 2 * middle(load.limits.band("lateral_stiffness_by_pressure")) * beyond
-        run.check(STIFF, stiffness, "kN/m", low=low + more, high=high + more, note=told)
+        run.check(STIFF, stiffness, "kN/m", low=low + more, high=high + more, note=text)
         low, high = (end / (tau * K.frequency) for end in _limits(load, "loss", K))
-        run.check(DAMPED, damping, "kN*s/m", low=low, high=high, note=told)
+        run.check(DAMPED, damping, "kN*s/m", low=low, high=high, note=text)
     _judge_roll(run, load, seen, values, rolled, leans, torque, beyond)
     _keep(run, load, seen, values)
 
@@ -467,7 +467,7 @@ def _judge_roll(
         roll, _ = seen.leaning(run.rig, values)
         given_back = known_to * abs(rolled / (roll - part * rolled) * float(leans))
         leans = leans.with_uncertainty(RELEASED, EVEN * given_back, even=True)
-        told = f"roll torque of the pair {torque.value / kN:.2f}{sure} kN·m at {roll / mrad:.2f} mrad"
+        text = f"roll torque of the pair {torque.value / kN:.2f}{sure} kN·m at {roll / mrad:.2f} mrad"
         low, high = (end + more for end in (band.low or 0.0, band.high or 0.0))
         U = leans.expanded or 0.0
         if high - low < WIDTH_PER_U * U:
@@ -477,7 +477,7 @@ def _judge_roll(
                 "the roll by unequal preload; set a smaller roll or a stronger wind",
             )
         else:
-            run.check(ROLLED, leans, "kN*m/rad", low=low, high=high, note=told)
+            run.check(ROLLED, leans, "kN*m/rad", low=low, high=high, note=text)
 
 
 def _travel(rig: Rig, values: Values) -> float:

@@ -126,10 +126,10 @@ def _look_at_the_track(run: Run) -> ConditionResult:
         return ConditionResult(False, str(error))
     if beyond := _reaches_the_stop(run, record):
         return ConditionResult(False, beyond)
-    told = f"{record.name}, {record.times(speed)[-1]:.4g} s"
-    told += f", SHA-256 {record.digest[:16]}" if record.digest else ""
-    told += f"; not read: {', '.join(record.unread)}" if record.unread else ""
-    return ConditionResult(True, told)
+    text = f"{record.name}, {record.times(speed)[-1]:.4g} s"
+    text += f", SHA-256 {record.digest[:16]}" if record.digest else ""
+    text += f"; not read: {', '.join(record.unread)}" if record.unread else ""
+    return ConditionResult(True, text)
 
 
 def _reaches_the_stop(run: Run, record: TrackRecord) -> str:

@@ -172,16 +172,16 @@ def once_let_go(run: Run, change: Callable[[], None]) -> None:
     state.
     """
     bench = run.bench
-    deadline, said = bench.now + LET_OFF_WITHIN, False
+    deadline, reported = bench.now + LET_OFF_WITHIN, False
     while True:
         try:
             change()
         except Refused as refused:
             if bench.state not in bench.wiring.sequences.at_rest or bench.now >= deadline:
                 raise
-            if not said:
+            if not reported:
                 run.say(f"waiting until the springs are empty and the actuators have let go: {refused}")
-            said = True
+            reported = True
         else:
             return
         bench.wait(LOOK_AGAIN)

@@ -159,13 +159,13 @@ def description_contradicted(
     }
     if wrong:
         of = {"roll": "lasers", "moment": "load cells"}
-        told = "; ".join(
+        text = "; ".join(
             f"the {name} by the {of[name]} is {ratio.value:.3f} ± {ratio.expanded:.3f} times that by the actuators"
             for name, ratio in wrong.items()
         )
         named = "vertical actuators" if len(wrong) == len(of) else of[next(iter(wrong))]
         return (
-            f"{CONTRADICTED}: {told}; the stated places of the {named}, or their scales, are wrong. {CHECK}"
+            f"{CONTRADICTED}: {text}; the stated places of the {named}, or their scales, are wrong. {CHECK}"
         )
     return _spacing_contradicted(run, one, other, stiffness)
 

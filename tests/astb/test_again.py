@@ -29,10 +29,10 @@ def test_without_a_change_it_goes_on_as_it_did_to_the_bit(kept, tmp_path):
 
 def test_with_a_leak_it_is_the_same_before_and_another_afterwards(kept, tmp_path):
     done = asked("--from", f"{kept}@40s", "--fault", "leak side=left area=0.5mm2", f"--out={tmp_path}")
-    told = " ".join(done.output.split())
-    assert "up to 40 s the run is identical with" in told
-    assert "air lost per minute, left spring" in told and "(before: air lost per minute, left spring" in told
-    assert "right spring" not in told.split("; after that:")[1]
+    text = " ".join(done.output.split())
+    assert "up to 40 s the run is identical with" in text
+    assert "air lost per minute, left spring" in text and "(before: air lost per minute, left spring" in text
+    assert "right spring" not in text.split("; after that:")[1]
     before, now = (
         read(one).series("left.bellows_pressure") for one in (kept, tmp_path / "leak_down-rehearsal")
     )
@@ -59,9 +59,9 @@ def test_a_parameter_is_another_one_from_there_on_and_a_volume_keeps_its_gas(kep
     done = asked(
         "--from", f"{kept}@40s", "--change", "auxiliary_volume=33 litre, 40 litre", f"--out={tmp_path}"
     )
-    told = " ".join(done.output.split())
-    assert done.exit_code == 0, told
-    assert "auxiliary_volume = 33 litre, 40 litre; the mass and the energy of the gas remain" in told
+    text = " ".join(done.output.split())
+    assert done.exit_code == 0, text
+    assert "auxiliary_volume = 33 litre, 40 litre; the mass and the energy of the gas remain" in text
     before, now = read(kept), read(tmp_path / "leak_down-rehearsal")
     assert "auxiliary_volume = 33 litre, 40 litre" in now.meta["otherwise"][0]
     for name in ("left.auxiliary_pressure", "right.auxiliary_pressure"):

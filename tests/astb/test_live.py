@@ -239,7 +239,7 @@ def test_a_run_without_a_hold_point_left_refuses_to_be_held_and_says_where(bench
         assert live.cannot_hold == live.snapshot().cannot_hold == ""
         live.phase(("main", "weigh the air"), begins=True)
         suspension.left = False
-        told = Door(lambda: live, suspension, None).answer(b'{"do":"hold"}').decode()
-        assert all(part in told for part in ("error", "walk", "weigh the air"))
-        assert live.snapshot().cannot_hold in told
+        text = Door(lambda: live, suspension, None).answer(b'{"do":"hold"}').decode()
+        assert all(part in text for part in ("error", "walk", "weigh the air"))
+        assert live.snapshot().cannot_hold in text
     assert suspension.wanted_by == ""

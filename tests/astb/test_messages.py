@@ -29,8 +29,8 @@ def server():
 
     class Keeps(BaseHTTPRequestHandler):
         def do_POST(self):
-            heard = self.rfile.read(int(self.headers["Content-Length"]))
-            self.server.heard.append((self.path, self.headers, json.loads(heard)))
+            received = self.rfile.read(int(self.headers["Content-Length"]))
+            self.server.heard.append((self.path, self.headers, json.loads(received)))
             self.send_response(self.server.answer)
             self.send_header("Location", f"http://127.0.0.1:{self.server.server_port}/moved")
             self.end_headers()
@@ -96,14 +96,14 @@ def test_unreached_set_points_are_reported_and_not_followed(server, sent, tmp_pa
 
 
 def test_a_command_hears_the_words_as_its_last_argument_and_all_of_it_as_json(sent, tmp_path):
-    heard = tmp_path / "heard"
+    received = tmp_path / "heard"
     script = tmp_path / "keep it.py"
     script.write_text(
         "import sys, pathlib\npathlib.Path(sys.argv[1]).write_text(sys.argv[2] + sys.stdin.read())"
     )
-    to = f"{sys.executable} '{script}' {heard}"
+    to = f"{sys.executable} '{script}' {received}"
     assert sent(to, lambda messages: messages.ended(RESULT, tmp_path)) == []
-    words, _, content = heard.read_text().partition("{")
+    words, _, content = received.read_text().partition("{")
     assert words == "aw0: fail: 1 of 1 check outside the limits"
     assert json.loads("{" + content)["verdict"] == "fail"
 

@@ -134,8 +134,8 @@ def test_the_envelope_is_that_of_a_recorded_run(tmp_path):
 
 
 def test_limits_are_sorted_by_margin_and_show_their_source(tmp_path):
-    told = {"signal": "lateral.displacement", "kind": "upper", "at": "40 mm"}
-    found, directory = swayed(tmp_path, 10.0, RigFile("hall", limits=(told,)))
+    content = {"signal": "lateral.displacement", "kind": "upper", "at": "40 mm"}
+    found, directory = swayed(tmp_path, 10.0, RigFile("hall", limits=(content,)))
     first = found.limits[0]
     assert (first.signal, first.kind, first.source) == ("lateral.displacement", "upper", "rig file")
     assert first.used == pytest.approx(10 / 40, abs=0.02)

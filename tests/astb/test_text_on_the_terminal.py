@@ -60,35 +60,35 @@ UNSAFE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
 @settings(deadline=None)
 @given(st.text(st.characters(max_codepoint=0x2070, exclude_characters="\r\n\t"), min_size=1))
 def test_no_text_reaches_the_terminal_with_control_characters(text):
-    heard = io.StringIO()
-    with redirect_stdout(heard), pytest.MonkeyPatch.context() as patch:
+    received = io.StringIO()
+    with redirect_stdout(received), pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "stderr", sys.stdout)
         print_safely()
         click.echo(f"one {text}")
         print_json([text])
         print(text, file=sys.stderr)
         console, table = open_console(), open_table(f"t {text}", text)
-        assert console.file is heard
+        assert console.file is received
         table.add_row(text)
         table.add_row(styled(text, "bold red"))
         console.print(table)
         console.print(f"said: {text}")
-    assert not UNSAFE.search(heard.getvalue())
-    assert "red" not in heard.getvalue() or "red" in text
+    assert not UNSAFE.search(received.getvalue())
+    assert "red" not in received.getvalue() or "red" in text
 
 
 def test_the_colours_of_a_console_stay(monkeypatch):
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("TERM", "xterm-256color")
-    heard = io.StringIO()
-    with redirect_stdout(heard):
+    received = io.StringIO()
+    with redirect_stdout(received):
         print_safely()
         console = plain_console()
         with Progress(console=console) as progress:
             progress.add_task("\x1b[2J")
             console.print(styled("\x1b]0;title\x07", "bold"))
             print("\x1b[3J")
-    told = heard.getvalue()
+    told = received.getvalue()
     assert "\x1b[1m" in told
     assert not any(one in told for one in ("\x1b[2J", "\x1b]0", "\x07", "\x1b[3J"))
 
@@ -134,22 +134,22 @@ def test_names_of_plans_files_operators_and_specimens_are_printed_safely(tmp_pat
         ["run", "aw0", "--virtual", "--specimen", f"spring{raw}.toml"],
         ["run", "aw0", "--virtual", "--set", f"{raw}=1"],
     ):
-        heard = io.StringIO()
-        with redirect_stdout(heard), redirect_stderr(heard), pytest.MonkeyPatch.context() as patch:
+        received = io.StringIO()
+        with redirect_stdout(received), redirect_stderr(received), pytest.MonkeyPatch.context() as patch:
             patch.setattr(sys, "argv", ["astb", *arguments])
             with pytest.raises(SystemExit):
                 main()
-        assert heard.getvalue()
-        assert not UNSAFE.search(heard.getvalue()), arguments
+        assert received.getvalue()
+        assert not UNSAFE.search(received.getvalue()), arguments
 
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_a_rig_may_be_called_anything(name, monkeypatch):
     report = CheckReport(rig=name, state=name, identity=name, **_rest(name))
-    heard = io.StringIO()
-    with redirect_stdout(heard):
+    received = io.StringIO()
+    with redirect_stdout(received):
         check_rig._show(report)
-    assert f"{name}, {name}; identity: {name}" in heard.getvalue()
+    assert f"{name}, {name}; identity: {name}" in received.getvalue()
 
 
 def _rest(name):

@@ -118,7 +118,7 @@ def test_a_record_in_the_data_folder_holds_the_measured_figures(bench_record, tm
     made = bench_record("beside", MEDLEY)
     with RigInMemory(Rig(made.parameters, seed=1)).bench(outward=Faults(), seed=1) as bench:
         result = execute(plans()["dynamic_stiffness"], bench, tmp_path / "dynamic", seed=1)
-    told = {check.name: check.value for check in result.checks}
+    content = {check.name: check.value for check in result.checks}
     simulator = AirSpring(made.parameters, effects=CATALOGUE)
     data = read_records([made.directory, tmp_path / "dynamic"], simulator)
     (run,) = data.beside
@@ -127,7 +127,7 @@ def test_a_record_in_the_data_folder_holds_the_measured_figures(bench_record, tm
     figures = StiffnessChecks(rig_of(made.parameters)).figures(run.experiment, outputs)
     assert len(figures) == 8
     for (name, _), value in figures.items():
-        assert 1e3 * value == pytest.approx(told[name.removesuffix(", AW0")], rel=0.01), name
+        assert 1e3 * value == pytest.approx(content[name.removesuffix(", AW0")], rel=0.01), name
     with refuses(DiagnosisError, "screening"):
         read_records([tmp_path / "dynamic"], simulator)
 

@@ -119,9 +119,9 @@ def test_a_second_detectable_cause_is_found(laboratory):
     for seed in range(3):
         alone = diagnose(lab.measure(seed, large), lab.simulator, config)
         assert alone.names == ("cubic",)
-        told = {one.effect: one.smallest for one in alone.not_seen}
+        content = {one.effect: one.smallest for one in alone.not_seen}
         for effect in ("coulomb", "force_gain"):
-            both = large | {effect: {"amplitude": told[effect]}}
+            both = large | {effect: {"amplitude": content[effect]}}
             found.append(effect in diagnose(lab.measure(seed, both), lab.simulator, config).names)
     assert sum(found) >= 5
 

@@ -273,8 +273,8 @@ def test_a_model_that_raises_says_where_and_at_which_parameters():
             return np.ones((N, 2)) / (1 // int(2.0 - parameters["slope"]))
 
     replay = Replay(Fragile(), (measured("one", 1),), 1)
-    said = r"line failed in the run one at slope = 1.003 V/s.*ZeroDivisionError: .*\(test_fit\.py, line \d+\)"
-    with pytest.raises(DiagnosisError, match=said):
+    text = r"line failed in the run one at slope = 1.003 V/s.*ZeroDivisionError: .*\(test_fit\.py, line \d+\)"
+    with pytest.raises(DiagnosisError, match=text):
         fit(replay, white(SD), base_point(Straight().nuisances, replay.names))
 
 

@@ -164,9 +164,9 @@ def test_the_sentence_contains_the_improvement(laboratory):
         Config(workers=1, effects=("cubic", "lag")),
     )
     gain = finding.gains[0]
-    told = f"the error falls from {gain.noise_ratio_before:.3g} to {gain.noise_ratio:.3g} times the noise"
+    text = f"the error falls from {gain.noise_ratio_before:.3g} to {gain.noise_ratio:.3g} times the noise"
     assert finding.verdict is Verdict.NAMED
-    assert told in finding.sentence
+    assert text in finding.sentence
     assert finding.causes[0].gained == pytest.approx(gain.fraction, abs=0.02)
 
 

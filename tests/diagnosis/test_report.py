@@ -169,8 +169,8 @@ def test_numbers_are_printed_to_three_digits(value, text):
 def test_sentences_are_typeset():
     assert prose("falls by -1.5e-07 bar") == "Falls by −1.5·10⁻⁷ bar"
     assert prose("left.force is off; AW-3 is not") == "left.force is off; AW-3 is not"
-    told = "-9.9e+37 may be none (null = [-9.9e+37, 1e6] says so); columns.a.sign = -1 is right"
-    assert typeset(told) == told.replace("-9.9e+37 may", "−9.9·10³⁷ may"), "TOML is copied from the page"
+    text = "-9.9e+37 may be none (null = [-9.9e+37, 1e6] says so); columns.a.sign = -1 is right"
+    assert typeset(text) == text.replace("-9.9e+37 may", "−9.9·10³⁷ may"), "TOML is copied from the page"
     assert percent(0.1234) == "12.3\u2009%" and chance(0.0) == "<\u200910⁻⁹"
 
 

@@ -35,12 +35,12 @@ def test_half_a_bar_too_much_is_found_in_a_run_of_two_load_cases(tmp_path):
     with RigInMemory(rig).bench(seed=3) as bench:
         result = execute(programme_plan(programme), bench, tmp_path, seed=3)
     assert result.verdict is Outcome.INCOMPLETE, result.reason
-    told = "left.bellows_pressure reads 0.5"
-    assert any(one.startswith(told) for one in result.warnings)
+    text = "left.bellows_pressure reads 0.5"
+    assert any(one.startswith(text) for one in result.warnings)
     (missing,) = (one for one in result.checks if one.verdict.value == "not available")
     assert missing.name.startswith("short 2 AW3")
     assert "is not taken up" in missing.note
-    assert told in missing.note
+    assert text in missing.note
 
     simulator = AirSpring(sound, effects=CATALOGUE)
     config = Config(seed=3, workers=1, effects=CANDIDATES, with_panel=False)

@@ -92,10 +92,10 @@ def test_all_wrong_points_are_reported_in_one_run():
     }
     with pytest.raises(WiringError) as told:
         read_points("points", points, (), "high", "big")
-    said = str(told.value)
-    assert "points: height: table = 'inputs'" in said
-    assert "points: force: type = 'int24'" in said
-    assert "good" not in said
+    text = str(told.value)
+    assert "points: height: table = 'inputs'" in text
+    assert "points: force: type = 'int24'" in text
+    assert "good" not in text
 
 
 def test_units_of_other_houses_are_known():

@@ -77,8 +77,8 @@ def test_own_bits_are_coded_as_cantools_codes_them(
     writer.write(values)
     (record,) = sent[0]
     assert (record["id"], record["extended"]) == (identifier, identifier > 0x7FF)
-    told = foreign.decode(payload(record), scaling=False)
-    assert told == {name[2:]: raw for name, raw in raws.items()}
+    text = foreign.decode(payload(record), scaling=False)
+    assert text == {name[2:]: raw for name, raw in raws.items()}
     reader.connect(VirtualClock(), pytest.fail, within=1.0)
     data_bytes = foreign.encode({name[2:]: raw for name, raw in raws.items()}, scaling=False)
     ports[-1].receive(frame(identifier, data_bytes, extended=identifier > 0x7FF))

@@ -275,7 +275,7 @@ def test_a_listener_sends_no_frames(tmp_path):
     for description, words in ((wired.description, [1, 2]), (listening(wired.description), [])):
         wired.plc.writes.clear()
         wiring = DescribedWiring("hall", description, {"plc": wired.plc, "bus": wired.bus})
-        wiring.open(wired.clock, lambda *heard: None, wired.lost.append, within=1 * s)
+        wiring.open(wired.clock, lambda *received: None, wired.lost.append, within=1 * s)
         wiring.close()
         assert [one["command"] for one in wired.plc.writes] == words
 

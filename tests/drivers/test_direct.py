@@ -112,15 +112,17 @@ def test_who_only_listens_is_nobodys_commander():
         bench.arm()
         token = memory.rig.lease.token
         told = described({}, rig={"kind": "astb", "commands": False})
-        heard = []
+        received = []
         wiring = open_described("the rig", told, {"rig": lambda: (memory.can(), memory.modbus())})
-        wiring.open(memory.clock, lambda times, rows, values, fresh: heard.extend(rows), print, within=1 * s)
+        wiring.open(
+            memory.clock, lambda times, rows, values, fresh: received.extend(rows), print, within=1 * s
+        )
         bench.wait(0.5 * s)
         assert (memory.rig.lease.token, wiring.commanded, wiring.given) == (token, False, {})
         wiring.close()
         bench.wait(0.5 * s)
         assert bench.rig.strangers == 0
-        assert TABLE.index["left.height"] in heard
+        assert TABLE.index["left.height"] in received
 
 
 def test_the_file_knows_every_state_of_our_rig_and_what_becomes_of_the_air():
@@ -173,6 +175,6 @@ def test_what_becomes_of_the_air_is_one_of_three_things(air, words):
 def test_a_missing_rig_is_reported_and_connections_are_closed():
     wiring = open_described("the rig", described({}, rig=RIG | {"modbus": {"port": 1}}))
     with pytest.raises(LinkLost, match=r"127\.0\.0\.1:1\b"):
-        wiring.open(VirtualClock(), lambda *heard: None, print, within=1 * s)
+        wiring.open(VirtualClock(), lambda *received: None, print, within=1 * s)
     wiring.close()
     assert wiring.failure is None

@@ -35,9 +35,9 @@ def test_who_was_away_too_long_learns_what_became_of_the_bench(memory, taken):
     bench.arm()
     with pytest.raises(NotCommander) as caught:
         away(memory, bench, 3 * s)
-    told = str(caught.value)
-    assert told.startswith("this commander lost the bench, because it was silent")
-    assert "(nobody holds the bench now)" in told
+    text = str(caught.value)
+    assert text.startswith("this commander lost the bench, because it was silent")
+    assert "(nobody holds the bench now)" in text
     if taken:
         other = memory.bench()
         other.connect()

@@ -22,17 +22,17 @@ def counted(number):
 
 def through(faults, seed, block):
     """Return inputs, outputs and echoes, block by block of 32."""
-    sent, heard = [], []
+    sent, received = [], []
     inner = InMemoryCan(sent.append)
     link = FaultyCan(inner, faults, seed)
-    link.subscribe(heard.append)
+    link.subscribe(received.append)
     for k in range(0, block.size, 32):
         inner.receive(block[k : k + 32])
-    inward = join(heard)
-    heard.clear()
+    inward = join(received)
+    received.clear()
     for k in range(0, block.size, 32):
         link.send(block[k : k + 32])
-    return inward, join(sent), join(heard)
+    return inward, join(sent), join(received)
 
 
 def test_without_faults_everything_passes_unchanged():
@@ -63,13 +63,13 @@ def test_mishaps_are_as_frequent_as_asked_for(faults, low, high):
 
 
 def test_each_direction_can_have_faults_of_its_own():
-    block, sent, heard = counted(500), [], []
+    block, sent, received = counted(500), [], []
     inner = InMemoryCan(sent.append)
     link = FaultyCan(inner, Faults(lose=0.5), 3, outward=Faults())
-    link.subscribe(heard.append)
+    link.subscribe(received.append)
     inner.receive(block)
     link.send(block)
-    assert 200 < join(heard).size < 300
+    assert 200 < join(received).size < 300
     assert np.array_equal(join(sent), block)
 
 

@@ -63,14 +63,14 @@ def test_a_description_of_our_own_rig_arms_moves_and_disarms_it(memory, describe
 
 
 def test_both_wirings_receive_the_same(memory, described):
-    heard = {"own": [], "file": []}
+    received = {"own": [], "file": []}
     own = AstbListener(
-        TABLE, memory.clock, None, lambda t, rows, v, _: heard["own"].extend(zip(t, rows, v, strict=True))
+        TABLE, memory.clock, None, lambda t, rows, v, _: received["own"].extend(zip(t, rows, v, strict=True))
     )
     with described as bench:
         port = memory.can()
         port.subscribe(own.receive)
-        bench.receiver.sink = lambda t, rows, v: heard["file"].extend(zip(t, rows, v, strict=True))
+        bench.receiver.sink = lambda t, rows, v: received["file"].extend(zip(t, rows, v, strict=True))
         bench.wait(2 * s)
         bench.receiver.sink = None
         port.close()
@@ -80,7 +80,7 @@ def test_both_wirings_receive_the_same(memory, described):
             for t, row, v in samples
             if TABLE.signals[row].kind is not Kind.SETPOINT
         }
-        for who, samples in heard.items()
+        for who, samples in received.items()
     }
     assert len(tables["own"]) > 2000
     assert tables["file"].keys() == tables["own"].keys()

@@ -43,8 +43,8 @@ def spring(encoder, time, height=0.0, pressure=0.0):
 
 def test_every_sample_reaches_the_sink_in_order_while_the_plan_computes():
     receiver, encoder = WiredReceiver(RealClock()), Encoder(TABLE)
-    heard = []
-    receiver.sink = lambda times, rows, values: heard.append((times.copy(), rows.copy()))
+    received = []
+    receiver.sink = lambda times, rows, values: received.append((times.copy(), rows.copy()))
     frames = [join(spring(encoder, (20 * k + j) * MS) for j in range(20)) for k in range(500)]
     bus = threading.Thread(target=lambda: [receiver.accept(block) for block in frames])
     bus.start()
@@ -53,7 +53,7 @@ def test_every_sample_reaches_the_sink_in_order_while_the_plan_computes():
         sum(range(20_000))  # a plan that computes and holds the interpreter
         rounds += 1
     bus.join()
-    times = np.concatenate([t[r == HEIGHT] for t, r in heard])
+    times = np.concatenate([t[r == HEIGHT] for t, r in received])
     assert np.array_equal(times, np.arange(10_000) * MS)
     assert receiver.tally()["accepted"] == 10_000
     assert receiver.tally()["lost"] == receiver.tally()["repeated"] == 0
@@ -63,10 +63,10 @@ def test_echoed_commands_are_not_readings():
     receiver, encoder = WiredReceiver(VirtualClock()), Encoder(TABLE)
     values = np.full(len(TABLE.signals), 1.0)
     commands = [message.name for message in TABLE.messages if not message.from_rig and message.rate]
-    heard = []
-    receiver.sink = lambda *arrays: heard.append(arrays)
+    received = []
+    receiver.sink = lambda *arrays: received.append(arrays)
     receiver.accept(encoder.encode(values, encoder.rows(commands), 0))
-    assert heard == []
+    assert received == []
     assert receiver.latest(TABLE.index["control.enable"])[1] == -1
     assert receiver.tally()["unknown"] == len(commands)
 

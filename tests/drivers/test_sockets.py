@@ -57,10 +57,10 @@ def live(make_world):
 @pytest.mark.slow
 def test_no_frame_is_lost_while_the_plan_computes(live):
     peer, _, bench = live
-    heard = []
+    received = []
     bench.arm()
     bench.wait(0.5 * s)  # until the offset of the stamps is known
-    bench.receiver.sink = lambda times, rows, values: heard.append((times, rows))
+    bench.receiver.sink = lambda times, rows, values: received.append((times, rows))
     with bench.capture("left.height") as capture:
         end = bench.now + 0.8
         while bench.now < end:
@@ -68,7 +68,7 @@ def test_no_frame_is_lost_while_the_plan_computes(live):
         assert bench.left.height >= 0  # and later readings are fresh
         bench.wait(0.2 * s)  # a busy machine still holds a part in its sockets
     assert capture.times("left.height").size >= 0.8 * 200
-    times = np.concatenate([t[r == HEIGHT] for t, r in heard])
+    times = np.concatenate([t[r == HEIGHT] for t, r in received])
     steps = np.diff(times)
     # On a busy machine, a frame that arrives sooner than all before corrects the offset of the stamps once.
     assert steps.max() == 5_000_000 and (steps < 5_000_000).sum() <= 1

@@ -208,10 +208,10 @@ def test_only_one_of_two_senders_of_a_group_is_accepted(bus, keys, value):
         (group | 0x22, struct.pack("<H6s", 5_000, b"")),
         extended=True,
     )
-    heard = []
-    rig.transport.subscribe(lambda time, points: heard.append(points["Height.Left"]))
+    received = []
+    rig.transport.subscribe(lambda time, points: received.append(points["Height.Left"]))
     rig.connect().wait()
-    assert set(heard) == {value}
+    assert set(received) == {value}
     (remark,) = [one for one in rig.transport.remarks() if one.doubtful]
     assert "frames of another source address and not of" in remark.text
 
@@ -285,20 +285,20 @@ def test_every_reading_is_in_the_bits_or_is_none(tmp_path_factory, frames):
     """The bits are looked at without cantools: little-endian words, a checksum by hand."""
     directory = tmp_path_factory.mktemp("any")
     (directory / "rig.dbc").write_text(DBC)
-    port, heard = InMemoryCan(lambda block: None), []
+    port, received = InMemoryCan(lambda block: None), []
     table = {"kind": "can", "dbc": "rig.dbc", "answers": False, "messages": GUARD}
     table["points"] = {"Real.Level": {"null": 1.5}}
     transport = CanTransport("bus", table, directory, port=lambda: port)
-    transport.subscribe(lambda time, points: heard.append(points))
+    transport.subscribe(lambda time, points: received.append(points))
     transport.connect(VirtualClock(), pytest.fail, within=1.0)
     for identifier, extended, drawn, mended in frames:
         guarded = mended and len(drawn) == 8 and identifier == 513
         data = drawn[:7] + bytes([_xor(drawn[:7])]) if guarded else drawn
-        heard.clear()
+        received.clear()
         port.receive(join([frame(identifier, data, extended=extended)]))
-        told = {name: value for points in heard for name, value in points.items()}
-        assert told.keys() <= _bits(identifier, extended, data).keys()
-        for name, value in told.items():
+        content = {name: value for points in received for name, value in points.items()}
+        assert content.keys() <= _bits(identifier, extended, data).keys()
+        for name, value in content.items():
             right = _bits(identifier, extended, data)[name]
             assert value == pytest.approx(right, nan_ok=True), name
 
@@ -342,8 +342,8 @@ def test_frames_of_can_fd_go_both_ways_on_socketcan(tmp_path):
         "bitrate_switch": True,
         "answers": False,
     }
-    transport, heard, clock = CanTransport("bus", table, tmp_path), [], RealClock()
-    transport.subscribe(lambda time, points: heard.append((time, points)))
+    transport, received, clock = CanTransport("bus", table, tmp_path), [], RealClock()
+    transport.subscribe(lambda time, points: received.append((time, points)))
     with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as other:
         other.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
         other.bind(("vcan0",))
@@ -353,13 +353,13 @@ def test_frames_of_can_fd_go_both_ways_on_socketcan(tmp_path):
         other.send(struct.pack("=IBBxx64s", 600, 64, 1, wide))
         other.send(struct.pack("=IB3x8s", 602, 8, b"\x07"))
         for _ in range(500):
-            if len(heard) < 2:
+            if len(received) < 2:
                 threading.Event().wait(0.01)
         transport.write({"Order.Target": 12.345})
         word, length, flags, data = struct.unpack("=IBBxx64s", other.recv(72))
         stamp = transport.stamp("Wide.First")
         transport.close()
-    (time, points), (_, small) = heard
+    (time, points), (_, small) = received
     assert points == {"Wide.First": -12.34, "Wide.Last": 765.432}
     assert small == {"Small.One": 7.0}
     assert 0 <= clock.now() - time < 5_000_000_000

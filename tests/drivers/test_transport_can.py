@@ -136,15 +136,15 @@ def test_it_conforms_on_socketcan(where: Path) -> None:
 
 @pytest.mark.real_time
 def test_times_on_a_real_bus_are_those_of_the_bench(where: Path) -> None:
-    clock, heard = RealClock(), []
+    clock, received = RealClock(), []
     transport = open_transport("bus", {**BUS, **VIRTUAL}, where)
-    transport.subscribe(lambda time, points: heard.append((time, clock.now())))
+    transport.subscribe(lambda time, points: received.append((time, clock.now())))
     with far_end(**VIRTUAL):
         transport.connect(clock, pytest.fail, within=1.0)
         time.sleep(0.2)
         transport.close()
-    assert len(heard) > 20
-    assert all(0 <= now - stamp < 150 * MS for stamp, now in heard)
+    assert len(received) > 20
+    assert all(0 <= now - stamp < 150 * MS for stamp, now in received)
 
 
 def test_a_bus_that_cannot_be_opened(where: Path) -> None:
@@ -187,7 +187,7 @@ def test_a_burst_has_one_time(memory: InMemory, connected: Callable, begins: dic
         block = memory.far.frames()[[0, 1, 2]]
         block["time"] = [began + round(one * MS) for one in times]
         port.receive(block)
-    found = [(heard - began) / MS for heard, _ in transport.heard]
+    found = [(received - began) / MS for received, _ in transport.heard]
     first = [1] * 3 + [11] * 3 + [21] * 2
     if begins:
         assert found == [*first, 32] + [33] * 3 + [41] * 3 + [51] * 3
@@ -285,20 +285,20 @@ OURS = {DATABASE.get_message_by_name(name).frame_id for name in ("Stream", "Hear
 def test_received_bytes_become_numbers_or_are_counted(
     where: Path, frames: list[tuple[tuple[int, bool], bytes]]
 ) -> None:
-    port, heard = InMemoryCan(lambda block: None), []
+    port, received = InMemoryCan(lambda block: None), []
     transport = CanTransport("bus", {**BUS, "answers": False}, where, port=lambda: port)
-    transport.subscribe(lambda time, points: heard.append(points))
+    transport.subscribe(lambda time, points: received.append(points))
     transport.connect(VirtualClock(), pytest.fail, within=1.0)
     for (identifier, extended), data in frames:
         port.receive(frame(identifier, data, extended=extended))
-    assert all(type(value) is float for points in heard for value in points.values())
+    assert all(type(value) is float for points in received for value in points.values())
     refused = sum(
         tally.get(what, 0)
         for tally in transport.counts.values()
         for what in ("corrupt", "repeated", "unknown")
     )
     theirs = [one for one, _ in frames if one in KNOWN and one[0] not in OURS]
-    assert len(heard) + refused == len(theirs)
+    assert len(received) + refused == len(theirs)
 
 
 # --- sent frames --------------------------------------------------------------------------------------------------

@@ -98,12 +98,12 @@ def _description(units: dict[str, str], fmi: int) -> str:
                 else f'<Output valueReference="{reference}"/>'
             )
     defined = "".join(f'<Unit name="{name}">{base}</Unit>' for name, base in _UNITS.items())
-    told = "".join(outputs)
+    text = "".join(outputs)
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="{fmi}.0" modelName="strange" {_TOKENS[fmi]}="{{strange}}">
 <CoSimulation modelIdentifier="strange" canHandleVariableCommunicationStepSize="true"/>
 <UnitDefinitions>{defined}</UnitDefinitions>
 <ModelVariables>{"".join(rows)}</ModelVariables>
-<ModelStructure>{f"<Outputs>{told}</Outputs>" if fmi == 2 else told}</ModelStructure>
+<ModelStructure>{f"<Outputs>{text}</Outputs>" if fmi == 2 else text}</ModelStructure>
 </fmiModelDescription>
 """

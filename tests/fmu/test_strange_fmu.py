@@ -256,9 +256,9 @@ def test_the_effect_of_a_step_on_numbers_is_predicted(folder: Path) -> None:
 
     fitted = least_squares(missed, np.zeros(len(names)), x_scale=1e-3, diff_step=1e-4).x
     (doubt,) = (one for one in data.doubts if "the fitted parameters of ShakenMass.fmu" in one)
-    told = {name: 1e-2 * float(size) for name, size in re.findall(r"(\w+) by (\S+) %", doubt)}
-    assert set(told) == set(names)
-    assert [told[name] for name in names] == pytest.approx(fitted.tolist(), rel=0.1)
+    content = {name: 1e-2 * float(size) for name, size in re.findall(r"(\w+) by (\S+) %", doubt)}
+    assert set(content) == set(names)
+    assert [content[name] for name in names] == pytest.approx(fitted.tolist(), rel=0.1)
 
 
 @pytest.mark.slow

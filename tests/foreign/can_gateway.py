@@ -55,13 +55,13 @@ class Gateway:
 
     def wait(self, seconds: float) -> Iterable[tuple[int, bytes]]:
         """Return the frames that come, and see to who comes and goes."""
-        heard = select.select([self._door] + ([self._client] if self._client else []), [], [], seconds)[0]
-        if self._door in heard:
+        received = select.select([self._door] + ([self._client] if self._client else []), [], [], seconds)[0]
+        if self._door in received:
             self._leave()
             self._client, _ = self._door.accept()
             self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._say("< hi >")
-        elif self._client in heard:
+        elif self._client in received:
             yield from self._receive()
 
     def send(self, frames: list[tuple[int, bytes]]) -> None:
@@ -112,11 +112,11 @@ def serve(rig: Rig, cycle: int, interface: str) -> None:
     due = time.monotonic()
     while not select.select([sys.stdin], [], [], 0)[0]:
         due += cycle * 1e-3
-        left, heard = 1.0, True
-        while left > 0 or heard:  # a late rig still receives the frames
+        left, received = 1.0, True
+        while left > 0 or received:  # a late rig still receives the frames
             left = due - time.monotonic()
-            heard = False
+            received = False
             for identifier, data in bus.wait(max(left, 0.0)):
                 rig.receive(identifier, data)
-                heard = True
+                received = True
         bus.send(rig.cycle())

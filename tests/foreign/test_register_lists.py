@@ -182,13 +182,13 @@ def test_who_reads_and_writes_what_is_read(tmp_path, head, read, write, both):
     path = tmp_path / "list.csv"
     rows = [f"force;holding;1;{read}", f"push;holding;2;{both}"] + ([f"go;coil;3;{write}"] if write else [])
     path.write_text("\n".join([f"name;table;address;{head}", *rows]))
-    told = {
+    content = {
         point.own: (point.read, point.written, "group" in point.line)
         for point in read_register_list(path).points
     }
-    assert told.pop("force") == (True, False, True)
-    assert told.pop("push") == (True, True, False)
-    assert told == ({"go": (False, True, False)} if write else {})
+    assert content.pop("force") == (True, False, True)
+    assert content.pop("push") == (True, True, False)
+    assert content == ({"go": (False, True, False)} if write else {})
     assert not any("not read" in note for note in read_register_list(path).notes)
 
 
@@ -234,8 +234,8 @@ def test_a_point_is_scaled_as_the_list_says_or_left_out_with_a_reason(tmp_path, 
         f"p{k}": scale for k, scale in enumerate(scales) if scale is not None
     }
     for k, scale in enumerate(scales):
-        said = [note for note in found.notes if f"p{k} (row {k + 2})" in note and head in note]
-        assert bool(said) == (scale is None)
+        lines = [note for note in found.notes if f"p{k} (row {k + 2})" in note and head in note]
+        assert bool(lines) == (scale is None)
 
 
 @pytest.mark.parametrize(

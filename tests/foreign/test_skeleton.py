@@ -230,5 +230,5 @@ def test_raw_values_that_a_dbc_names_become_null_and_the_file_can_be_read(tmp_pa
         ({"Spring.Height": {"null": 0}}, 0, math.nan),
     ):
         message = read_messages("transports.bus", {**told, "points": points}, tmp_path, None, None)["Spring"]
-        heard = message.decode(raw.to_bytes(2, "little") + bytes(6))
-        assert heard["Spring.Height"] == pytest.approx(value, nan_ok=True)
+        received = message.decode(raw.to_bytes(2, "little") + bytes(6))
+        assert received["Spring.Height"] == pytest.approx(value, nan_ok=True)

@@ -49,16 +49,16 @@ def hall():
 
 
 def test_cantools_reads_what_the_firmware_packs(hall):
-    heard, read = hall.heard, hall.rig.machine.read
-    assert heard["HeightLeft"] == pytest.approx(1e3 * read("left_height"), abs=0.006)
-    assert heard["PositionRight"] == pytest.approx(1e3 * read("vertical_right_displacement"), abs=0.006)
-    assert heard["Cell4"] == pytest.approx(-read("load_cell_4") / 9.80665, abs=0.3)
-    assert heard["Cell6"] == pytest.approx(-read("load_cell_6") / 9.80665, abs=0.06)
-    assert heard["BellowsRight"] == pytest.approx(101.325, abs=3)
-    assert heard["Supply"] == pytest.approx(101.325, abs=10)
-    assert heard["GasChamberRight"] == pytest.approx(read("right_auxiliary_temperature") - 273.15, abs=0.5)
-    assert heard["PlatformRoll"] == pytest.approx(0.0, abs=0.2)
-    assert (heard["State"], heard["VerticalMode"], heard["Plates"]) == (0, 1, pytest.approx(13.0))
+    received, read = hall.heard, hall.rig.machine.read
+    assert received["HeightLeft"] == pytest.approx(1e3 * read("left_height"), abs=0.006)
+    assert received["PositionRight"] == pytest.approx(1e3 * read("vertical_right_displacement"), abs=0.006)
+    assert received["Cell4"] == pytest.approx(-read("load_cell_4") / 9.80665, abs=0.3)
+    assert received["Cell6"] == pytest.approx(-read("load_cell_6") / 9.80665, abs=0.06)
+    assert received["BellowsRight"] == pytest.approx(101.325, abs=3)
+    assert received["Supply"] == pytest.approx(101.325, abs=10)
+    assert received["GasChamberRight"] == pytest.approx(read("right_auxiliary_temperature") - 273.15, abs=0.5)
+    assert received["PlatformRoll"] == pytest.approx(0.0, abs=0.2)
+    assert (received["State"], received["VerticalMode"], received["Plates"]) == (0, 1, pytest.approx(13.0))
 
 
 def test_rig_b_operates_while_a_heart_beats_and_halts_when_it_stops(hall):
@@ -86,8 +86,8 @@ def test_rig_b_ignores_what_is_garbled_or_out_of_range(hall):
     assert (hall.run(0.1)["State"], hall.rig.ignored) == (0, 1)
     hall.send("Parameter", Index=11, Plates=45.0)
     hall.send("Parameter", Index=4, ValveRight=2)
-    heard = hall.run(0.3)
-    assert (heard["Plates"], heard["ValveRight"]) == (pytest.approx(13.0), 2)
+    received = hall.run(0.3)
+    assert (received["Plates"], received["ValveRight"]) == (pytest.approx(13.0), 2)
 
 
 @pytest.fixture

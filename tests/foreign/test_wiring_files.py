@@ -51,16 +51,16 @@ def test_the_registers_of_rig_a_over_modbus():
     path = wiring_file("plant_a")
     table = tomllib.loads(path.read_text())["transports"]["plc"]
     transport = open_transport("plc", table, path.parent, port=virtual.port)
-    heard, lost = [], []
+    received, lost = [], []
     transport.connect(virtual.clock, lost.append, within=1.0)
-    transport.subscribe(lambda time, points: heard.append((time, dict(points))))
+    transport.subscribe(lambda time, points: received.append((time, dict(points))))
 
     def wait(seconds):
         virtual.clock.sleep_until(virtual.clock.now() + round(seconds * NS))
-        return heard[-1][1]
+        return received[-1][1]
 
     seen = wait(1.0)
-    assert len(heard) == 20
+    assert len(received) == 20
     assert 400 - seen["laser_left"] == pytest.approx(AT_REST["plant_a"], abs=0.2)
     assert seen["cell_1"] == pytest.approx(900 * 9.80665 / 4, abs=250)
     wait(transport.begin())  # it accepts only clients with a heartbeat
@@ -84,10 +84,10 @@ def test_the_frames_of_rig_b_over_can():
     description = read_description(wiring_file("hall_b"), TABLE)
     table, functions = description.transports["bus"], description.functions
     transport = open_transport("bus", table, HERE / "hall_b", functions=functions, port=virtual.port)
-    heard, times = {}, []
+    received, times = {}, []
 
     def receive(time, points):
-        heard.update(points)
+        received.update(points)
         times.append(time)
 
     transport.connect(virtual.clock, lambda reason: None, within=1.0)
@@ -97,15 +97,19 @@ def test_the_frames_of_rig_b_over_can():
     # Simultaneous samples arrive in consecutive frames, and have one time.
     assert len(times) > 7 * len(set(times))
     assert len(set(times)) == pytest.approx(100 * (1 - start / NS), abs=1)
-    assert heard["Heights.HeightLeft"] == pytest.approx(AT_REST["hall_b"], abs=0.2)
-    assert heard["CellsB.Cell4"] == pytest.approx(-2400 / 4, abs=30)
-    assert heard["Air.ChamberRight"] == pytest.approx(101.325, abs=3)
+    assert received["Heights.HeightLeft"] == pytest.approx(AT_REST["hall_b"], abs=0.2)
+    assert received["CellsB.Cell4"] == pytest.approx(-2400 / 4, abs=30)
+    assert received["Air.ChamberRight"] == pytest.approx(101.325, abs=3)
     virtual.clock.sleep_until(
         virtual.clock.now() + round(transport.begin() * NS)
     )  # it must receive a heartbeat
     transport.write({"Parameter.ValveLeft": 2, "Parameter.TargetLeft": 250.0, "Command.Request": 17})
     virtual.clock.sleep_until(round(1.5 * NS))
-    assert (heard["ParameterIs.ValveLeft"], heard["ParameterIs.TargetLeft"], heard["Status.State"]) == (
+    assert (
+        received["ParameterIs.ValveLeft"],
+        received["ParameterIs.TargetLeft"],
+        received["Status.State"],
+    ) == (
         2,
         250,
         1,

@@ -124,24 +124,26 @@ def test_bodies_are_placed_by_their_readings(sheet) -> None:
     }
     many = []
     for _ in range(60):
-        told = {f"{side}.height": chance.uniform(-0.02, 0.02) for side in ("left", "right")}
+        content = {f"{side}.height": chance.uniform(-0.02, 0.02) for side in ("left", "right")}
         moving = ("platform.roll", "platform.vertical", "platform.lateral", "lateral.displacement")
-        told |= {name: chance.uniform(-0.01, 0.01) for name in moving}
-        many.append([told, 1])
-    for (told, _), found in zip(many, sheet.evaluate(POSES, [known, many]), strict=True):
+        content |= {name: chance.uniform(-0.01, 0.01) for name in moving}
+        many.append([content, 1])
+    for (content, _), found in zip(many, sheet.evaluate(POSES, [known, many]), strict=True):
         assert (found["seen"], found["times"]) == ("heights", 1)
         for side, (below, above) in zip(("left", "right"), found["beams"], strict=True):
-            lean = told["platform.roll"]  # a laser looks at a right angle from the platform
+            lean = content["platform.roll"]  # a laser looks at a right angle from the platform
             long = (above[0] - below[0]) * math.sin(lean) + (above[1] - below[1]) * math.cos(lean)
-            assert long - 0.3 == pytest.approx(told[f"{side}.height"], abs=0.0012), (side, told)
-        assert found["arm"][0] == pytest.approx(-told["lateral.displacement"], abs=1e-3), (
+            assert long - 0.3 == pytest.approx(content[f"{side}.height"], abs=0.0012), (side, content)
+        assert found["arm"][0] == pytest.approx(-content["lateral.displacement"], abs=1e-3), (
             "left is on the left"
         )
-        theta = (told["left.height"] - told["right.height"]) / 1.95
+        theta = (content["left.height"] - content["right.height"]) / 1.95
         for way, (outer, inner, top_inner, top_outer) in zip((-1, 1), found["springs"], strict=True):
             middle = [(a + b) / 2 for a, b in zip(top_inner, top_outer, strict=True)]
             foot = [(a + b) / 2 for a, b in zip(outer, inner, strict=True)]
-            height = told["left.height"] - theta * (0.9 + way * half)  # over the design height, at the spring
+            height = content["left.height"] - theta * (
+                0.9 + way * half
+            )  # over the design height, at the spring
             assert middle[1] - foot[1] - 0.3 == pytest.approx(height, abs=0.0012)
 
 

@@ -54,8 +54,8 @@ def looked_at(page, name: str, dark: bool = False) -> None:
 def seen(page, *states: str, within: float = 15.0) -> None:
     """Wait until the page shows one of these states."""
     words = [one.replace("_", " ") for one in states]
-    told = "(words) => words.includes(document.querySelector('#state .word').textContent)"
-    page.wait_for_function(told, arg=words, timeout=1000 * within)
+    text = "(words) => words.includes(document.querySelector('#state .word').textContent)"
+    page.wait_for_function(text, arg=words, timeout=1000 * within)
 
 
 def stands(page, how: str, *names: str) -> None:

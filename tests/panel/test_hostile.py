@@ -139,8 +139,8 @@ def test_every_message_of_a_page_is_answered(client, body, text):
 
 
 def test_what_is_no_utf8_closes_a_page_and_fills_no_terminal(parts):
-    heard = io.StringIO()
-    handler = logging.StreamHandler(heard)
+    received = io.StringIO()
+    handler = logging.StreamHandler(received)
     logging.getLogger("uvicorn.error").addHandler(handler)
     listening = socket.create_server(("127.0.0.1", 0))
     server = Server(application(parts, host="127.0.0.1"), parts.access)
@@ -160,7 +160,7 @@ def test_what_is_no_utf8_closes_a_page_and_fills_no_terminal(parts):
         thread.join(10)
         listening.close()
         logging.getLogger("uvicorn.error").removeHandler(handler)
-    assert "Traceback" not in heard.getvalue()
+    assert "Traceback" not in received.getvalue()
 
 
 def tries(patience, clock, client, seconds):
@@ -243,9 +243,9 @@ def test_a_panel_that_is_ended_unawares_says_so_and_leaves_no_socket(tmp_path, m
     signal.signal(signal.SIGHUP, before)
     assert list((tmp_path / "astb").glob("*.sock"))  # its rig is there
     panel.process.send_signal(how)
-    said = panel.process.communicate(timeout=30)[0].decode()
+    text = panel.process.communicate(timeout=30)[0].decode()
     assert panel.process.returncode == 0
-    assert said == f"astb: the panel was ended by {how.name}\n"
+    assert text == f"astb: the panel was ended by {how.name}\n"
     assert not list((tmp_path / "astb").glob("*.sock"))
 
 

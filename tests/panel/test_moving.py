@@ -111,9 +111,9 @@ def test_a_kept_run_goes_on_otherwise_from_an_instant(client, parts, keep, monke
 
     def popen(command, **_):
         commands.append(command)
-        said = "aw0: CLEAR: no limit trips\n"
-        said += "  up to 4 s the run is identical with one; after that:\n    x parts at 4.1 s\n"
-        return SimpleNamespace(stdout=io.StringIO(said), poll=lambda: 0, wait=lambda: 0, returncode=0)
+        text = "aw0: CLEAR: no limit trips\n"
+        text += "  up to 4 s the run is identical with one; after that:\n    x parts at 4.1 s\n"
+        return SimpleNamespace(stdout=io.StringIO(text), poll=lambda: 0, wait=lambda: 0, returncode=0)
 
     monkeypatch.setattr(rehearsals.subprocess, "Popen", popen)
     keep(parts.out, "one", 0.004)

@@ -104,16 +104,16 @@ def test_the_page_passes_specimen_operator_and_environment(page, parts, monkeypa
 
     monkeypatch.setattr(runs_module.subprocess, "Popen", popen)
     page.post("/api/specimens/add", json={"name": "light.toml", "text": LIGHT})
-    said = {"plan": "aw0", "specimen": "light.toml", "operator": "--pdf", "ambient": "21 °C, 1013 hPa"}
-    assert page.post("/api/run/start", json=said).status_code == 200
+    content = {"plan": "aw0", "specimen": "light.toml", "operator": "--pdf", "ambient": "21 °C, 1013 hPa"}
+    assert page.post("/api/run/start", json=content).status_code == 200
     (command,) = commands
     assert command[-3:] == [
         f"--specimen={parts.out / FOLDER / 'light.toml'}",
         "--operator=--pdf",
         "--ambient=21 °C, 1013 hPa",
     ], "a name is a name, whatever it looks like"
-    assert page.post("/api/run/start", json=said | {"twin": True}).status_code == 200
+    assert page.post("/api/run/start", json=content | {"twin": True}).status_code == 200
     assert commands.pop() == [*command, "--watch"]
-    refused = page.post("/api/run/start", json=said | {"specimen": "../light.toml"})
+    refused = page.post("/api/run/start", json=content | {"specimen": "../light.toml"})
     assert "there is no specimen" in refused.json()["error"]
     assert len(commands) == 1

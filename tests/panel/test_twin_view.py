@@ -84,7 +84,7 @@ def test_the_view_says_since_when_they_part_in_which_reading_and_why_perhaps(ope
     page.wait_for_selector("#view .filters option[value=watched]", state="attached")
     page.select_option("#view .filters select", "watched")
     page.wait_for_selector(".verdict-twin.parted >> text=since 214.0")
-    told = " ".join((page.text_content("#view") or "").split())
+    text = " ".join((page.text_content("#view") or "").split())
     for words in (
         "in left.bellows_pressure",
         "4.020 bar",
@@ -92,8 +92,8 @@ def test_the_view_says_since_when_they_part_in_which_reading_and_why_perhaps(ope
         "4.5 × uncertainty below",
         "hole of 0.20 mm²",
     ):
-        assert words in told, (words, told)
-    assert "detected at 222.0" in told and "narrowed down at 250.0" in told
+        assert words in text, (words, text)
+    assert "detected at 222.0" in text and "narrowed down at 250.0" in text
     assert page.get_attribute(".strip", "aria-label").endswith(
         "200.0\u2009s to 214.0\u2009s agreed; 214.0\u2009s to 300.0\u2009s deviated"
     )

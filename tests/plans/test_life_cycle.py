@@ -439,15 +439,15 @@ def test_bench_errors_know_whose_fault_they_are():
 
 
 def test_a_result_tells_who_ran_it_and_in_which_surroundings(bench, tmp_path):
-    told = {"operator": "A. Müller", "ambient": "21 °C, 1013 hPa"}
+    content = {"operator": "A. Müller", "ambient": "21 °C, 1013 hPa"}
 
     def main(run):
         run.check("x", 1.0, "1", low=0.0)
 
     anything = Plan("anything", "Anything.", "Anything.", main, lambda run: None, lambda run: None)
-    execute(anything, bench, tmp_path / "told", meta=told)
+    execute(anything, bench, tmp_path / "told", meta=content)
     execute(anything, bench, tmp_path / "untold")
     result = read_result(tmp_path / "told")
-    assert {"operator": result.operator, "ambient": result.ambient} == told
+    assert {"operator": result.operator, "ambient": result.ambient} == content
     assert msgspec.json.decode((tmp_path / "told" / "result.json").read_bytes())["operator"] == "A. Müller"
     assert (read_result(tmp_path / "untold").operator, read_result(tmp_path / "untold").ambient) == ("", "")

@@ -71,16 +71,16 @@ def test_a_broken_file_costs_its_own_plans_only(tmp_path, monkeypatch, name):
     folder = tmp_path / "plans"
     if name != "no folder":
         write_new("ours", folder.mkdir() or folder, ())
-        content, told = BROKEN[name]
+        content, text = BROKEN[name]
         (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
     else:
-        told = f"ASTB_PLANS = {folder} is no folder"
+        text = f"ASTB_PLANS = {folder} is no folder"
     monkeypatch.setenv(FOLDER, str(folder))
     find_all.cache_clear()
     try:
         assert {"aw0", *({"ours"} if folder.exists() else ())} <= plans().keys()
         (one,) = unusable()
-        assert told in one
+        assert text in one
         code, said = astb("plans")
         assert code == PASS and one in said and "  aw0 " in said
         done = CliRunner().invoke(commands, ["plans", "--json"])

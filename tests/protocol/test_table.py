@@ -180,8 +180,8 @@ def test_what_is_added_where_a_block_ends_is_a_move() -> None:
 def test_generating_refuses_to_move(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
     monkeypatch.setattr(generate, "TABLE", changed("left.height", address=FREE))
     assert generate.main(["--check"]) == generate.main([]) == 1
-    said = capsys.readouterr()
-    assert "input 00100 was “left.height float32”" in said.err and not said.out
+    printed = capsys.readouterr()
+    assert "input 00100 was “left.height float32”" in printed.err and not printed.out
 
 
 def test_rig_tripped_returns_a_reading_or_none() -> None:

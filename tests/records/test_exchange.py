@@ -88,9 +88,9 @@ def test_cantools_reads_in_the_kept_frames_what_the_record_says(run: Path) -> No
 
 def test_the_commands_of_the_bench_are_among_the_kept_frames(run: Path) -> None:
     ours = {message.identifier for message in TABLE.messages if not message.from_rig}
-    heard = {int(identifier) for block in read_frames(run / "can.blf") for identifier in block["id"]}
-    assert ours & heard
-    assert heard - ours
+    received = {int(identifier) for block in read_frames(run / "can.blf") for identifier in block["id"]}
+    assert ours & received
+    assert received - ours
 
 
 def test_a_foreign_dbc_names_what_comes_in(run: Path, tmp_path) -> None:

@@ -31,8 +31,8 @@ def keep(folder: Path, name: str, values: list[float], *, at: int = 0, **facts: 
     plan = facts.get("plan", "aw0")
     path = conclude(plan, "Title", "Text", checks, rig="local", specimen=sample, seed=1).write(directory)
     if "operator" in facts or "date" in facts:
-        told = {key: facts[key] for key in ("operator", "date") if key in facts}
-        (directory / META).write_bytes(msgspec.json.encode(told))
+        content = {key: facts[key] for key in ("operator", "date") if key in facts}
+        (directory / META).write_bytes(msgspec.json.encode(content))
     os.utime(path, (at, at))
     return directory
 
@@ -144,8 +144,8 @@ def test_what_people_write_is_listed_as_they_wrote_it(tmp_path) -> None:
 
 def test_the_origin_of_a_run_is_shown(tmp_path) -> None:
     directory = keep(tmp_path, "aw0", [1.0])
-    told = {"simulated": True, "effects": {"leak.left": "1 mm2"}}
-    (directory / META).write_bytes(msgspec.json.encode(told))
+    content = {"simulated": True, "effects": {"leak.left": "1 mm2"}}
+    (directory / META).write_bytes(msgspec.json.encode(content))
     keep(tmp_path, "steel", [1.0])
     index = RunIndex(tmp_path)
     assert [one.directory for one in index.runs(circumstances="")] == ["steel"]

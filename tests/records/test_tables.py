@@ -191,9 +191,9 @@ def test_every_form_of_a_table_is_what_the_page_says(form, tmp_path) -> None:
         coarse = form.name in ("excel", "stands")
         np.testing.assert_allclose(series.times[:30] - series.times[0], TIMES, atol=0.011 if coarse else 2e-7)
     assert bool(account.counts) == (form.outcome == "left out"), account.lines()
-    told = "\n".join(account.lines())
-    assert re.search(said, told, re.MULTILINE), told
-    assert told or not said
+    text = "\n".join(account.lines())
+    assert re.search(said, text, re.MULTILINE), text
+    assert text or not said
 
 
 def test_the_page_lists_every_form() -> None:

@@ -74,5 +74,5 @@ class Master:
     @property
     def messages(self) -> set[str]:
         """The periodic messages that come within 100 ms."""
-        heard = set(self.wait(100)["id"].tolist())
-        return {name for name in PERIODIC if IDENTIFIERS[name] in heard}
+        received = set(self.wait(100)["id"].tolist())
+        return {name for name in PERIODIC if IDENTIFIERS[name] in received}

@@ -35,13 +35,13 @@ def test_before_anything_has_happened_the_box_is_empty(armed, port) -> None:
 def test_ten_seconds_before_and_after_a_trip_are_what_came_by_can(armed, port) -> None:
     """Against the frames of the same time: sample by sample, to the step of the wire."""
     names = ("left.height", "vertical_left.force", "left.bellows_pressure", "supply.pressure", "rig.state")
-    heard: dict[str, list[tuple[int, float]]] = {name: [] for name in names}
+    received: dict[str, list[tuple[int, float]]] = {name: [] for name in names}
 
     def wait(ticks: int) -> None:
         samples = armed.decoder.decode(armed.rig.run(ticks))
         for name in names:
             mine = samples.signals == TABLE.index[name]
-            heard[name] += zip(samples.times[mine].tolist(), samples.values[mine].tolist(), strict=True)
+            received[name] += zip(samples.times[mine].tolist(), samples.values[mine].tolist(), strict=True)
 
     armed.wait = wait
     armed.hold_height()
@@ -57,7 +57,7 @@ def test_ten_seconds_before_and_after_a_trip_are_what_came_by_can(armed, port) -
     assert (incident.number, incident.tick) == (1, tripped)
     assert incident.times[[0, -1]].tolist() == [-10.0, 10.0]
     for name in names:
-        times, values = np.array(heard[name]).T
+        times, values = np.array(received[name]).T
         shown = np.interp((times / 1e6 - incident.tick) / 1000, incident.times, incident.values(name))
         inside = np.abs(times / 1e6 - incident.tick) <= 9_990
         if name == "rig.state":

@@ -72,46 +72,46 @@ class Keeping(Stage):
 
 
 def test_an_empty_chain_hands_on_the_very_block() -> None:
-    heard = Hearers()
+    received = Hearers()
     block = frame(1, b"x")
-    assert heard.bus.carry(block, "a") is block
-    heard.bus.publish(block)
-    assert heard.clients == [(1, RIG)]
-    assert heard.rig == [], "a node does not hear itself"
+    assert received.bus.carry(block, "a") is block
+    received.bus.publish(block)
+    assert received.clients == [(1, RIG)]
+    assert received.rig == [], "a node does not hear itself"
 
 
 def test_both_ways_lead_through_the_stages_in_the_order_of_their_rank() -> None:
-    heard = Hearers()
+    received = Hearers()
     for stage in (Marking(9, Stage.RECORD), Marking(5), Marking(6)):
-        heard.bus.add(stage)
-    heard.bus.publish(frame(1, b""))
-    assert heard.clients == [(1, 5, 6, 9, RIG)]
-    assert ids(heard.bus.carry(frame(2, b""), "a")) == [2, 5, 6, 9]
+        received.bus.add(stage)
+    received.bus.publish(frame(1, b""))
+    assert received.clients == [(1, 5, 6, 9, RIG)]
+    assert ids(received.bus.carry(frame(2, b""), "a")) == [2, 5, 6, 9]
 
 
 def test_what_is_kept_goes_on_when_it_is_due_through_the_stages_behind() -> None:
-    heard = Hearers()
+    received = Hearers()
     before, keeping, behind = Marking(5), Keeping(), Marking(9, Stage.RECORD)
     for stage in (before, keeping, behind):
-        heard.bus.add(stage)
-    heard.bus.publish(frame(1, b""))
-    assert heard.bus.carry(frame(2, b""), "a").size == 0
-    heard.clock.sleep_until(3 * TICK_NS - 1)
-    assert heard.clients == heard.rig == []
-    heard.clock.sleep_until(3 * TICK_NS)
-    assert heard.clients == [(1, 5, 9, RIG), (2, 5, 9, "a")]
-    assert heard.rig == [(2, 5, 9, "a")], "its own frames do not come back to the rig"
+        received.bus.add(stage)
+    received.bus.publish(frame(1, b""))
+    assert received.bus.carry(frame(2, b""), "a").size == 0
+    received.clock.sleep_until(3 * TICK_NS - 1)
+    assert received.clients == received.rig == []
+    received.clock.sleep_until(3 * TICK_NS)
+    assert received.clients == [(1, 5, 9, RIG), (2, 5, 9, "a")]
+    assert received.rig == [(2, 5, 9, "a")], "its own frames do not come back to the rig"
 
 
 def test_a_stage_that_is_taken_out_acts_no_more_and_the_clock_rests() -> None:
-    heard = Hearers()
+    received = Hearers()
     stage = Marking(5)
-    heard.bus.add(stage)
-    heard.bus.forget("a")
-    heard.bus.remove(stage)
-    heard.bus.forget("b")
+    received.bus.add(stage)
+    received.bus.forget("a")
+    received.bus.remove(stage)
+    received.bus.forget("b")
     assert stage.left == ["a"]
-    heard.bus.publish(frame(1, b""))
-    assert heard.clients == [(1, RIG)]
+    received.bus.publish(frame(1, b""))
+    assert received.clients == [(1, RIG)]
     with pytest.raises(ValueError, match="not on the bus"):
-        heard.bus.remove(stage)
+        received.bus.remove(stage)

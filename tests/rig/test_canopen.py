@@ -276,9 +276,9 @@ def test_what_becomes_of_the_node_is_its_error_behaviour(master: Master, behavio
 def test_a_synchronous_pdo_waits_for_its_sync(master: Master) -> None:
     assert master.download(0x1800, 2, 1, 1) == master.download(0x1805, 2, 2, 1) == 0
     assert master.messages == PERIODIC - {"SpringLeft", "Lateral"}
-    heard = [{identifier for identifier, _ in master.say(SYNC, b"", 5)} for _ in range(4)]
-    assert [0x181 in one for one in heard] == [True] * 4
-    assert [0x186 in one for one in heard] == [False, True] * 2
+    received = [{identifier for identifier, _ in master.say(SYNC, b"", 5)} for _ in range(4)]
+    assert [0x181 in one for one in received] == [True] * 4
+    assert [0x186 in one for one in received] == [False, True] * 2
     assert master.download(0x1800, 2, 255, 1) == 0
     assert "SpringLeft" in master.messages
 

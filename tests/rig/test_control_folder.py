@@ -26,7 +26,7 @@ def folder(tmp_path, monkeypatch):
 @pytest.fixture
 def false_rig(folder):
     """A program that answers instead of the rig, and its received requests."""
-    heard = []
+    received = []
     with socket.socket(socket.AF_UNIX) as listening:
         listening.bind(str(control_path("127.0.0.1", 15020)))
         listening.listen()
@@ -38,12 +38,12 @@ def false_rig(folder):
             except OSError:
                 return
             with connection:
-                heard.append(connection.recv(4096))
+                received.append(connection.recv(4096))
                 connection.sendall(b'{"on":[],"off":[]}\n')
 
         thread = threading.Thread(target=answer, daemon=True)
         thread.start()
-        yield heard
+        yield received
 
 
 def open_to_others(folder):

@@ -55,17 +55,17 @@ def node(network) -> Iterator[canopen.RemoteNode]:
 @on_real_wires
 def test_the_node_boots_beats_and_obeys(node, network) -> None:
     assert node.nmt.wait_for_heartbeat(2) == "OPERATIONAL"
-    heard: list[int] = []
+    received: list[int] = []
     for identifier in (0x181, 0x282):
-        network.subscribe(identifier, lambda identifier, data, timestamp: heard.append(identifier))
+        network.subscribe(identifier, lambda identifier, data, timestamp: received.append(identifier))
     for state, sends in (("PRE-OPERATIONAL", False), ("STOPPED", False), ("OPERATIONAL", True)):
         node.nmt.state = state
         node.nmt.wait_for_heartbeat(2)  # which may have been on its way before the command arrived
         node.nmt.wait_for_heartbeat(2)
         assert node.nmt.state == state
-        heard.clear()
+        received.clear()
         time.sleep(0.2)
-        assert bool(heard) is sends, state
+        assert bool(received) is sends, state
     # wait_for_bootup would miss what arrives before it begins to wait.
     booted = threading.Event()
     node.nmt.add_heartbeat_callback(lambda state: state == 0 and booted.set())
@@ -189,8 +189,8 @@ def test_the_how_to_does_what_it_says(site, tmp_path, monkeypatch, capsys) -> No
     names: dict[str, Any] = {}
     try:
         exec(program.replace("29536", str(site.rig.can_port)), names)
-        heard = names["rig"].tpdo[1].wait_for_reception(1)
-        assert heard is not None, "with SYNC"
+        received = names["rig"].tpdo[1].wait_for_reception(1)
+        assert received is not None, "with SYNC"
     finally:
         names["network"].sync.stop()
         names["rig"].nmt.send_command(0x82)

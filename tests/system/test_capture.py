@@ -142,13 +142,13 @@ def test_file_and_live_port_show_the_rigs_frames_and_those_of_others(start_rig, 
         bus.recv_block(0)
         for k in range(5):
             bus.send_block(frame(0x7A0 + k, bytes(range(k))))
-        heard = received_for(bus, 0.5)
+        received = received_for(bus, 0.5)
         shown = rows(live.communicate(timeout=20)[0])
     assert rig.stop() == ""
     kept = read(path)
     # A client hears everything but its own, and times to 1 µs.
     whole = [(t // 1000, *rest) for t, *rest in kept]
-    for row in expected(heard, OUTBOUND):
+    for row in expected(received, OUTBOUND):
         assert (row[0] // 1000, *row[1:]) in whole
     others = [row for row in kept if row[4] == INBOUND]
     assert [(row[1], row[3]) for row in others] == [(0x7A0 + k, bytes(range(k))) for k in range(5)]

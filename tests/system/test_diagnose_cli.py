@@ -410,9 +410,9 @@ def test_runs_made_to_decide_are_fitted_and_move_no_other():
     names = screening(*["AW0"] * 3, *["AW3"] * 3)
     alone = with_roles(dataset(*names))
     both = with_roles(dataset(*names[:3], "two_speed_loops 1 AW0", *names[3:], "bump_stop 1 AW0"))
-    told = {run.experiment.name: run.role for run in both.runs}
-    assert told["two_speed_loops 1 AW0"] == told["bump_stop 1 AW0"] == "fit"
-    assert {run.experiment.name: run.role for run in alone.runs} == {name: told[name] for name in names}
+    content = {run.experiment.name: run.role for run in both.runs}
+    assert content["two_speed_loops 1 AW0"] == content["bump_stop 1 AW0"] == "fit"
+    assert {run.experiment.name: run.role for run in alone.runs} == {name: content[name] for name in names}
 
 
 def test_causes_are_chosen_by_name_with_or_without_their_place():

@@ -36,7 +36,7 @@ def test_can_and_modbus_agree_at_one_instant(site, armed):
     ]
     first = readings[0].address - 1
     count = readings[-1].address + 3 - first
-    with site.listening() as heard:
+    with site.listening() as received:
         site.wait(200 * ms)
         for _ in range(2000):
             words = modbus.read_input(first, count)
@@ -47,10 +47,10 @@ def test_can_and_modbus_agree_at_one_instant(site, armed):
         site.wait(100 * ms)
     modbus.close()
     assert words[0] == words[-1], "a block is one snapshot"
-    frames = heard.frames()
-    samples, timings = heard.positions("SpringLeft"), heard.positions("Timing")
+    frames = received.frames()
+    samples, timings = received.positions("SpringLeft"), received.positions("Timing")
     # By its tick, as the 200 Hz frames restart their numbers every 1.28 s.
-    (mine,) = timings[heard.series("rig.tick") // 5 % 65536 == words[0]]
+    (mine,) = timings[received.series("rig.tick") // 5 % 65536 == words[0]]
     before, following = samples[samples < mine][-1], samples[samples > mine][0]
     assert frames["data"][before, 7] == (words[0] - 1) % 256
     decoder = Decoder(TABLE, from_rig=True)
@@ -153,19 +153,19 @@ def test_springs_are_filled_and_keep_their_air(site, armed):
 
 def test_silence_holds_at_100_ms_and_disables_at_500_ms_and_stays_so(site, armed):
     late = SAMPLE if site.transport == "memory" else READING
-    with site.listening() as heard:
+    with site.listening() as received:
         site.wait(100 * ms)
         armed.commander.stop()
         site.wait(700 * ms)
     contacts = armed.interlock.fault, armed.interlock.command
     armed.commander.start()
-    last, emergency = heard.positions("Control")[-1], heard.positions("Emergency")
+    last, emergency = received.positions("Control")[-1], received.positions("Emergency")
     assert emergency.size == 1
-    assert HOLD_AFTER - SAMPLE <= heard.rig_time(last, emergency[0]) <= HOLD_AFTER + late
-    disabled = heard.positions("State")[heard.series("rig.state") == STATES.index("FAULT_DISABLED")][0]
-    assert DISABLE_AFTER - SAMPLE <= heard.rig_time(last, disabled) <= DISABLE_AFTER + 20 * ms + late
-    assert heard.states() == ["ACTIVE", "FAULT_HOLD", "FAULT_DISABLED"]
-    assert heard.series("emergency.code")[-1] == 0x8130
+    assert HOLD_AFTER - SAMPLE <= received.rig_time(last, emergency[0]) <= HOLD_AFTER + late
+    disabled = received.positions("State")[received.series("rig.state") == STATES.index("FAULT_DISABLED")][0]
+    assert DISABLE_AFTER - SAMPLE <= received.rig_time(last, disabled) <= DISABLE_AFTER + 20 * ms + late
+    assert received.states() == ["ACTIVE", "FAULT_HOLD", "FAULT_DISABLED"]
+    assert received.series("emergency.code")[-1] == 0x8130
     assert contacts == (True, False)
     site.wait(200 * ms)
     state = armed.rig.state, armed.rig.reason
@@ -200,11 +200,11 @@ def test_a_second_sender_with_the_next_counter_causes_no_motion(site, armed):
     names = ["Control", "PlatformSetpoints"]
     rows = encoder.rows(names)
     rejected, strangers = armed.rig.rejected_commands, armed.rig.strangers
-    with site.listening() as heard:
-        armed.wait_for(lambda: all(heard.positions(name).size for name in names), within=2 * s)
+    with site.listening() as received:
+        armed.wait_for(lambda: all(received.positions(name).size for name in names), within=2 * s)
         for _ in range(20):
             armed.wait(20 * ms)
-            frames = heard.frames()
+            frames = received.frames()
             for name, row in zip(names, rows, strict=True):
                 last = frames[frames["id"] == IDENTIFIER[name]][-1]
                 encoder.counters[row] = (last["data"][1] + 1) % 15
@@ -235,16 +235,16 @@ def test_a_burst_reaches_all_clients_in_order(site, armed):
     numbered = [frame(0x700, k.to_bytes(8, "big")) for k in range(count - 10)]
     burst = join([*numbered, *[spoilt] * 10])
     stranger = site.can()
-    with site.listening() as heard:
+    with site.listening() as received:
         for part in np.array_split(burst, parts):
             stranger.send(part)
             armed.wait(pause)
         armed.wait_for(
-            lambda: (heard.frames()["id"] == 0x700).sum() >= len(numbered), within=5 * s, what="the burst"
+            lambda: (received.frames()["id"] == 0x700).sum() >= len(numbered), within=5 * s, what="the burst"
         )
         armed.wait(200 * ms)
     stranger.close()
-    frames = heard.frames()
+    frames = received.frames()
     numbers = [int.from_bytes(bytes(f["data"]), "big") for f in frames[frames["id"] == 0x700]]
     assert numbers == list(range(len(numbered)))
     assert armed.rig.state == "ACTIVE"
@@ -270,7 +270,7 @@ def test_a_setting_out_of_range_has_no_effect(site, armed):
 
 
 def test_arming_and_disarming_walk_through_the_states(site, bench):
-    with site.listening() as heard:
+    with site.listening() as received:
         bench.wait_for(lambda: bench.rig.state == "DISABLED", within=2 * s)
         # Where the rig cannot see one commander leave and another come, it refuses the new one's first frames.
         bench.wait(400 * ms)
@@ -280,7 +280,7 @@ def test_arming_and_disarming_walk_through_the_states(site, bench):
         bench.disarm()
         site.wait(60 * ms)
     up = ["DISABLED", "AIR_LOW", "AIR_HIGH", "HOLD", "ACTIVE"]
-    states = heard.states()
+    states = received.states()
     assert states[states.index("DISABLED") :] == [*up, "HOLD", "AIR_HIGH", "DISABLED"]
     assert bench.rig.reason == "disabled by the commander"
     assert bench.rig.rejected_commands == rejected
@@ -290,15 +290,15 @@ def test_arming_and_disarming_walk_through_the_states(site, bench):
 def test_a_commander_that_vanishes_leaves_the_bench_in_hold(site, bench):
     """Both connections end without a message, as after a crash: at once where a connection reports it, else 100 ms."""
     bench.arm()
-    with site.listening() as heard:
+    with site.listening() as received:
         site.wait(100 * ms)
         bench.commander.stop()
         bench.wiring.direct.can.close()
         bench.wiring.direct.modbus.close()
         site.wait(300 * ms)
-    last, emergency = heard.positions("Control")[-1], heard.positions("Emergency")
-    assert heard.states()[:2] == ["ACTIVE", "FAULT_HOLD"]
-    assert heard.rig_time(last, emergency[0]) <= HOLD_AFTER + READING
+    last, emergency = received.positions("Control")[-1], received.positions("Emergency")
+    assert received.states()[:2] == ["ACTIVE", "FAULT_HOLD"]
+    assert received.rig_time(last, emergency[0]) <= HOLD_AFTER + READING
     with site.bench() as successor:
         assert successor.rig.state in ("FAULT_HOLD", "FAULT_DISABLED")
         successor.reset()
@@ -307,12 +307,12 @@ def test_a_commander_that_vanishes_leaves_the_bench_in_hold(site, bench):
 
 def test_a_closed_modbus_connection_of_the_commander_holds_at_once(site, bench):
     bench.arm()
-    with site.listening() as heard:
+    with site.listening() as received:
         site.wait(60 * ms)
         bench.wiring.direct.modbus.close()
         site.wait(60 * ms)
     assert bench.rig.reason == "commander disconnected"
-    assert heard.states() == ["ACTIVE", "FAULT_HOLD"]
+    assert received.states() == ["ACTIVE", "FAULT_HOLD"]
 
 
 def test_there_is_one_commander(site, bench):

@@ -150,8 +150,8 @@ def test_what_is_not_on_cannot_be_switched_off(sound_rig):
 
 def test_misuse_of_the_command_has_its_exit_code(fault, cli):
     assert fault("on", "dorp") == (MISUSE, "", "astb: dorp is not a fault; did you mean 'drop'?\n")
-    said = "astb: probability has no value; write KEY=VALUE, such as area=2mm2\n"
-    assert fault("on", "drop", "probability") == (MISUSE, "", said)
+    text = "astb: probability has no value; write KEY=VALUE, such as area=2mm2\n"
+    assert fault("on", "drop", "probability") == (MISUSE, "", text)
     assert cli("rig", "fault", "list", "--rig", LOCAL.with_name("hall.toml"))[0] == MISUSE
 
 

@@ -97,9 +97,9 @@ def test_a_late_command_does_not_reverse_the_bench(site, through):
     """A third of all commands comes up to five cycles late, behind its successors: what moves up never moves down."""
     bench = through(Faults(delay=0.33, delay_frames=20))
     bench.arm()
-    with site.listening() as heard:
+    with site.listening() as received:
         bench.platform.move_to(vertical=20 * mm, rate=20 * mm / s)
-    path = heard.series("platform.vertical")
+    path = received.series("platform.vertical")
     path = path[~np.isnan(path)]
     assert path[-1] - path[0] > 15 * mm
     # Noise of 5 µm and steps of 10 µm; one cycle of the ramp is 400 µm.
@@ -111,12 +111,12 @@ def test_the_seed_decides_what_goes_wrong(memory_site):
     """Rig and link from the same seeds give the same samples at the same times; another link gives others."""
 
     def samples(seed: int) -> bytes:
-        site, heard = memory_site(), []
+        site, received = memory_site(), []
         with Bench(own_wiring(FaultyCan(site.can(), BAD, seed), site.modbus()), site.clock) as bench:
-            bench.receiver.sink = lambda *columns: heard.extend(column.tobytes() for column in columns)
+            bench.receiver.sink = lambda *columns: received.extend(column.tobytes() for column in columns)
             bench.arm()
             bench.platform.move_to(vertical=4 * mm)
-        return b"".join(heard)
+        return b"".join(received)
 
     once = samples(1)
     assert len(once) > 100_000

@@ -53,21 +53,24 @@ def line_of(process) -> str:
 @pytest.mark.parametrize("site", ["tcp", pytest.param("socketcan", marks=pytest.mark.vcan)], indirect=True)
 def test_a_killed_commander_leaves_the_bench_in_hold(site, tmp_path, eventually):
     command = commander(site, tmp_path)
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process, site.listening() as heard:
+    with (
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process,
+        site.listening() as received,
+    ):
         assert line_of(process) == "armed\n"
         site.wait(200 * ms)
         process.kill()
         process.wait()
-        eventually(lambda: heard.positions("Emergency").size, what="an emergency message")
-        eventually(lambda: heard.states()[-1].startswith("FAULT"), what="the fault")
-    frames, emergency = heard.frames(), heard.positions("Emergency")[0]
-    last = heard.positions("Control")[-1]
-    states = heard.states()
+        eventually(lambda: received.positions("Emergency").size, what="an emergency message")
+        eventually(lambda: received.states()[-1].startswith("FAULT"), what="the fault")
+    frames, emergency = received.frames(), received.positions("Emergency")[0]
+    last = received.positions("Control")[-1]
+    states = received.states()
     assert states[states.index("ACTIVE") + 1] == "FAULT_HOLD"
     # In the rig's own time, and by the time stamps of rig and hub, or of the kernel.
-    assert heard.rig_time(last, emergency) <= HOLD_AFTER
+    assert received.rig_time(last, emergency) <= HOLD_AFTER
     assert (frames["time"][emergency] - frames["time"][last]) / NS <= HOLD_AFTER + 50 * ms
-    reason = TABLE["rig.reason"].choices[int(heard.series("emergency.reason")[-1])]
+    reason = TABLE["rig.reason"].choices[int(received.series("emergency.reason")[-1])]
     assert reason == "commander disconnected", "the closed Modbus connection reports it first"
     with site.bench() as successor:
         successor.reset()

@@ -93,12 +93,12 @@ def test_the_panel_shows_kept_records(system: str, linux: Path) -> None:
     command = [sys.executable, SHIM, system, "panel", "--port", "0", "--out", str(linux)]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as panel:
         try:
-            told = ""
-            while not (found := re.search(r"to watch: +(http://\S+)", told)):
+            text = ""
+            while not (found := re.search(r"to watch: +(http://\S+)", text)):
                 line = panel.stdout.readline()
-                assert line, told
-                told += line
-            assert "a rig in real time needs Linux" in told
+                assert line, text
+                text += line
+            assert "a rig in real time needs Linux" in text
             assert b"aw0" in _answered(f"{found[1]}api/kept")
         finally:
             panel.terminate()

@@ -32,16 +32,16 @@ def output_of(cell: nbformat.NotebookNode) -> str:
 
 def judge(cells: list[nbformat.NotebookNode]) -> None:
     """The statements to a reader are correct: the loop's energy, the verdicts, and the hidden hole."""
-    said = "\n".join(output_of(cell) for cell in cells)
+    text = "\n".join(output_of(cell) for cell in cells)
 
     def number(pattern: str) -> float:
-        return float(re.search(pattern, said)[1])
+        return float(re.search(pattern, text)[1])
 
     # The loop is an ellipse as far as its area goes: π K'' X², with K'' as printed in kN/mm.
     area = math.pi * number(r"K'' +(\S+)") * 1e6 * 0.005**2
     assert number(r"lost +(\S+) J") == pytest.approx(area, rel=0.02)
     assert 0 < number(r"loss angle +(\S+)°") < 45
-    assert re.search(r"checks: pass\n.*conforms with", said)
+    assert re.search(r"checks: pass\n.*conforms with", text)
     assert number(r"left bellows leaks .*\((\S+) ± ") == pytest.approx(0.2, abs=0.01)
     assert number(r"leak\.left +(\S+)") > 10 * number(r"leak\.right +(\S+)")
     pictures = [

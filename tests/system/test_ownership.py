@@ -80,20 +80,20 @@ def test_a_black_holed_plc_connection_leads_to_hold_while_can_goes_on(site, prox
     """The watchdog's second, the tick, and what the machine adds; today's keep-alive would need ten seconds."""
     bench, proxy = proxied
     bench.arm()
-    with site.listening() as heard:
+    with site.listening() as received:
         site.wait(1.5 * s)
-        assert heard.states() == ["ACTIVE"], "fed, it holds nothing"
+        assert received.states() == ["ACTIVE"], "fed, it holds nothing"
         proxy.cut.set()
         start = time.monotonic()
-        while "FAULT_HOLD" not in heard.states():
+        while "FAULT_HOLD" not in received.states():
             assert time.monotonic() - start < 1.6
             time.sleep(0.01)
-        controls = heard.positions("Control").size
+        controls = received.positions("Control").size
         with refuses(LinkLost, "watchdog"):
             bench.wait(2 * s)
         site.wait(200 * ms)
-        assert heard.positions("Control").size > controls + 5
-        assert heard.states() == ["ACTIVE", "FAULT_HOLD"], "commands arrive: the air stays shut in"
+        assert received.positions("Control").size > controls + 5
+        assert received.states() == ["ACTIVE", "FAULT_HOLD"], "commands arrive: the air stays shut in"
     assert bench.rig.reason == "commander disconnected"
     bench.disarm()
     assert bench.rig.state == "FAULT_DISABLED", "by CAN alone"
@@ -253,11 +253,11 @@ def test_a_lease_is_taken_on_can_and_joined_on_modbus(site):
         port.send(encoder.encode(values, encoder.rows([message]), 0))
 
     port = site.can()
-    with site.listening() as heard:
+    with site.listening() as received:
         send("LeaseRequest", lease_nonce=0xBEE, lease_token=0)
         site.wait(150 * ms)
-        assert heard.series("lease.nonce")[-1] == 0xBEE
-        token = int(heard.series("rig.lease")[-1])
+        assert received.series("lease.nonce")[-1] == 0xBEE
+        token = int(received.series("rig.lease")[-1])
         assert modbus.read_holding(LEASE_ADDRESS, 1)[0] not in (0, token), "a key of this connection's own"
         for _ in range(60):
             send("Control", control_token=token, control_enable=1)

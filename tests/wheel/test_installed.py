@@ -87,15 +87,15 @@ def test_it_knows_its_commit(built: Built, clean_machine: CleanMachine) -> None:
     head = subprocess.run(
         ["git", "rev-parse", "HEAD"], cwd=built.source, capture_output=True, text=True, timeout=60, check=True
     ).stdout[:12]
-    said = clean_machine.astb("--version").strip()
+    text = clean_machine.astb("--version").strip()
     assert re.fullmatch(
-        rf"astb {re.escape(CONFIG['project']['version'])} \(commit {head}( \+ changes)?\)", said
-    ), said
+        rf"astb {re.escape(CONFIG['project']['version'])} \(commit {head}( \+ changes)?\)", text
+    ), text
 
 
 def test_every_module_is_imported_and_every_command_explains_itself(clean_machine: CleanMachine) -> None:
-    said = clean_machine.python(EVERY_HELP).splitlines()
-    assert {"run", "panel", "diagnose", "campaign", "rig new", "list"} <= set(said)
+    lines = clean_machine.python(EVERY_HELP).splitlines()
+    assert {"run", "panel", "diagnose", "campaign", "rig new", "list"} <= set(lines)
     base = PACKAGES & set(CONFIG["tool"]["importlinter"]["root_packages"])
     environment = str(clean_machine.bin.parent)
     clean_machine.python(

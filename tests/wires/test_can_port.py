@@ -151,10 +151,10 @@ def test_no_callback_after_close(open_port: OpenPort, numbered) -> None:
     reasons: list[str] = []
     b.on_lost(reasons.append)
     b.close()
-    heard = len(listener)
+    received = len(listener)
     a.send(numbered(10))
     time.sleep(0.05)
-    assert len(listener) == heard
+    assert len(listener) == received
     assert reasons == [], "who closes has not lost"
     with pytest.raises(LinkLost, match="was closed"):
         b.send(numbered(1))

@@ -154,11 +154,11 @@ def test_the_beacon_is_received_only_on_request(wanted: bool) -> None:
         listener.bind(("", 42000))
         listener.settimeout(0.2)
         with serve_in_thread(Rig().hub, beacon=wanted) as servers:
-            heard = b""
+            received = b""
             with contextlib.suppress(TimeoutError):
                 while True:  # other hubs on this machine may announce themselves, too
-                    heard += listener.recv(1000)
-        assert (f"can://127.0.0.1:{servers.can_port}<".encode() in heard) == wanted
+                    received += listener.recv(1000)
+        assert (f"can://127.0.0.1:{servers.can_port}<".encode() in received) == wanted
 
 
 # --- frames --------------------------------------------------------------------------------------------------------
@@ -183,10 +183,10 @@ def test_frames_go_to_everybody_but_their_sender(rig_and_port, eventually) -> No
 
 def test_an_answer_comes_before_what_was_sent_after_the_question(eventually) -> None:
     """Question and next frame in one packet: the rig's answer to the first stands between them on the bus."""
-    heard: list[int] = []
+    received: list[int] = []
 
     def reply(block: Block, peer: str) -> None:
-        heard.extend(block["id"].tolist())
+        received.extend(block["id"].tolist())
         hub.publish(frame(int(block["id"][0]) + 1, b"answer"))
 
     hub = CanHub(reply)
@@ -195,7 +195,7 @@ def test_an_answer_comes_before_what_was_sent_after_the_question(eventually) -> 
             joined(sock)
             sock.sendall(b"< send 10 0 >< echo >< send 20 0 >")
             assert collected(bus, 4)["id"].tolist() == [0x10, 0x11, 0x20, 0x21]
-        assert heard == [0x10, 0x20]
+        assert received == [0x10, 0x20]
 
 
 def test_all_clients_see_one_order(rig_and_port, numbered) -> None:

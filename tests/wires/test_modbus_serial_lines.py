@@ -65,13 +65,13 @@ def test_a_late_answer_is_never_taken_for_another_one(
             keys |= {"host": "127.0.0.1", "port": server.port}
             keys["kind"] = "modbus" if medium == "numbered" else "modbus_rtu"
         transport = rtu(**keys)
-        heard: list[dict] = []
-        transport.subscribe(lambda at, points: heard.append(dict(points)))
+        received: list[dict] = []
+        transport.subscribe(lambda at, points: received.append(dict(points)))
         stack.callback(transport.close)
         transport.connect(RealClock(), pytest.fail, within=1.0)
-        eventually(lambda: transport.counts["discarded"] >= 3 and len(heard) > 20, within=20.0)
+        eventually(lambda: transport.counts["discarded"] >= 3 and len(received) > 20, within=20.0)
         assert any("late answers were discarded" in one.text for one in transport.remarks())
-    assert [(name, value) for one in heard for name, value in one.items() if value != truth[name]] == []
+    assert [(name, value) for one in received for name, value in one.items() if value != truth[name]] == []
 
 
 @pytest.mark.parametrize("echo", [False, True])

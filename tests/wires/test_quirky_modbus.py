@@ -257,11 +257,11 @@ def connected() -> Iterator[Callable]:
         def connect(**changes: object) -> tuple[ModbusTransport, list, list]:
             transport = ModbusTransport("plc", {**KEYS, "timeout": "2 s", "patience": "3 s", **changes})
             stack.callback(transport.close)
-            heard: list[dict] = []
+            received: list[dict] = []
             lost: list[str] = []
-            transport.subscribe(lambda at, points: heard.append(dict(points)))
+            transport.subscribe(lambda at, points: received.append(dict(points)))
             transport.connect(RealClock(), lost.append, within=1.0)
-            return transport, heard, lost
+            return transport, received, lost
 
         yield connect
 
@@ -270,14 +270,14 @@ def connected() -> Iterator[Callable]:
 def test_it_closes_the_connection_after_each_answer(connected: Callable, connection: str) -> None:
     far = device()
     with served(far, hangs_up=True) as server:
-        transport, heard, lost = connected(port=server.port, connection=connection)
+        transport, received, lost = connected(port=server.port, connection=connection)
         for k in range(8):
             transport.write({"target": k, "place": 70000 + k})
             assert transport.read(["target", "place"]) == {"target": k, "place": 70000 + k}
             time.sleep(0.03)
         assert transport.counts["silent"] == 0
         assert lost == []
-        assert len(heard) > 10
+        assert len(received) > 10
         assert [one.text for one in transport.remarks() if "closes" in one.text] == (
             ['the device closes the connection after an answer; set connection = "each"']
             if connection == "kept"
@@ -409,6 +409,6 @@ def test_every_reading_is_the_truth_or_no_reading(
     except (BenchError, WiringError) as error:
         assert len(str(error)) > 20
         return
-    for found in (read, *(heard for _, heard in stand.heard)):
+    for found in (read, *(received for _, received in stand.heard)):
         for name, value in found.items():
             assert value == truth[name] or (math.isnan(value) and math.isnan(truth[name])), name

@@ -123,11 +123,11 @@ def connected() -> Iterator[Callable]:
         def connect(plc: ForeignPlc, **changes: object) -> tuple[ModbusTransport, list, list]:
             transport = ModbusTransport("plc", {**PLC, "port": plc.port, **changes})
             stack.callback(transport.close)
-            heard: list[tuple[int, dict]] = []
+            received: list[tuple[int, dict]] = []
             lost: list[str] = []
-            transport.subscribe(lambda time, points: heard.append((time, dict(points))))
+            transport.subscribe(lambda time, points: received.append((time, dict(points))))
             transport.connect(RealClock(), lost.append, within=1.0)
-            return transport, heard, lost
+            return transport, received, lost
 
         yield connect
 
@@ -188,7 +188,7 @@ def test_it_conforms_in_memory_and_in_virtual_time(bank) -> None:
 
 
 def test_numbers_of_a_foreign_server(plc: ForeignPlc, connected: Callable) -> None:
-    transport, heard, _ = connected(plc)
+    transport, received, _ = connected(plc)
     found = transport.read(["force", "height", "broken", "level", "ready"])
     assert found.pop("broken") != found["height"]
     assert found == {"force": 70000.0, "height": -12.34, "level": 1.5, "ready": 1.0}
@@ -197,7 +197,9 @@ def test_numbers_of_a_foreign_server(plc: ForeignPlc, connected: Callable) -> No
     with pytest.raises(WiringError, match=r"serial is a text; read it with text\('serial'\)"):
         transport.read(["serial"])
     # All that one request brings has one time: two registers of one group are never of two polls.
-    assert all(points.keys() in ({"height", "force", "broken"}, {"level"}, {"ready"}) for _, points in heard)
+    assert all(
+        points.keys() in ({"height", "force", "broken"}, {"level"}, {"ready"}) for _, points in received
+    )
 
 
 def test_few_requests_in_the_order_given(plc: ForeignPlc, connected: Callable) -> None:

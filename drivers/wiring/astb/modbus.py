@@ -149,11 +149,11 @@ class AstbRegisters:
 
     def _why(self, refused: Refused, why: Callable[[RigState], str]) -> str:
         """Return the reason of a refusal by the state of the rig; otherwise the rig's answer."""
-        told = ""
+        text = ""
         if refused.code == DEVICE_FAILURE:
             with suppress(BenchError):
-                told = why(RigState(self.snapshot(), self.contacts()))
-        return f"{told} (Modbus exception {refused.code})" if told else str(refused)
+                text = why(RigState(self.snapshot(), self.contacts()))
+        return f"{text} (Modbus exception {refused.code})" if text else str(refused)
 
     def contacts(self) -> dict[str, bool]:
         """Return all contacts of the interlocks, read in one request."""

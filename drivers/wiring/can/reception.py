@@ -90,9 +90,9 @@ class Reception:
 
     def _others(self) -> list[str]:
         most = self._strangers.most_common(_TOLD_MAX)
-        told = [f"{identifier:#x} ({count} frames of no message here)" for (identifier, _), count in most]
+        lines = [f"{identifier:#x} ({count} frames of no message here)" for (identifier, _), count in most]
         rest = len(self._strangers) - len(most)
-        return [*told, *([f"{rest} other identifiers"] if rest else [])]
+        return [*lines, *([f"{rest} other identifiers"] if rest else [])]
 
     def remarks(self) -> list[Remark]:
         """Return remarks on frames that were dropped or read in part, and on other frames on the bus."""
@@ -101,8 +101,8 @@ class Reception:
             whole = self.received[name] + sum(tally.get(what, 0) for what in _DOUBTFUL)
             for what, count in tally.items():
                 of = f" and not of {self._messages[name].source:#x}" if what == "foreign" else ""
-                said = f"{name}: {count} of {whole} frames {_WORDS[what]}{of}"
-                found.append(Remark(said, what in _DOUBTFUL and count > _FEW * whole))
+                text = f"{name}: {count} of {whole} frames {_WORDS[what]}{of}"
+                found.append(Remark(text, what in _DOUBTFUL and count > _FEW * whole))
         if others := self._others():
             found.append(Remark(f"also on the bus: {'; '.join(others)}", False))
         return found

@@ -386,8 +386,8 @@ def explained(span: Span, error: BenchError, read: Read, gap: int) -> BenchError
         )
         if gap:
             hint += ", or set gap = 0, if there are unused addresses between the points"
-    said = f"{error}; {hint}"
-    return Refused(said, error.code) if isinstance(error, Refused) else LinkLost(said)
+    text = f"{error}; {hint}"
+    return Refused(text, error.code) if isinstance(error, Refused) else LinkLost(text)
 
 
 def _reads(span: Span, read: Read) -> bool:

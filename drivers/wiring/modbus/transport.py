@@ -421,8 +421,8 @@ class ModbusTransport(Transport):
         for group, every, _ in self._groups:
             took = self._rounds.get(group, 0.0)
             if took > every:
-                said = f"group {group} takes {took:.2g} s to read, longer than every = {every:g} s"
-                found.append(Remark(said, False))
+                text = f"group {group} takes {took:.2g} s to read, longer than every = {every:g} s"
+                found.append(Remark(text, False))
         return found
 
 

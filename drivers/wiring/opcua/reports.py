@@ -136,11 +136,11 @@ class Reports:
         """Return remarks on unexpected behaviour of the server, with whether data are lost by it."""
         found = []
         if self._drops:
-            said = f"the server dropped the subscription {self._drops} times; no values came for {self._missing:.2g} s"
-            found.append(Remark(said, True))
+            text = f"the server dropped the subscription {self._drops} times; no values came for {self._missing:.2g} s"
+            found.append(Remark(text, True))
         if self.period > self._every:
-            said = f"the server confirms its values every {self.period:g} s, less often than every = {self._every:g} s"
-            found.append(Remark(said, False))
+            text = f"the server confirms its values every {self.period:g} s, less often than every = {self._every:g} s"
+            found.append(Remark(text, False))
         return found
 
     # -- what asyncua calls ---------------------------------------------------------------------------------------

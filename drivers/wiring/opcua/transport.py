@@ -288,8 +288,8 @@ class OpcUaTransport(Transport):
             codes = self._run(ask, what, self._timeout)
         for (names, _), code in zip(whole.values(), codes, strict=True):
             if not code.is_good():
-                said = f"writing {', '.join(names)} to {self._where} was refused: {code.name} ({code.doc})"
-                raise Refused(said, code.value)
+                text = f"writing {', '.join(names)} to {self._where} was refused: {code.name} ({code.doc})"
+                raise Refused(text, code.value)
 
     def _with_the_others(self, raws: Mapping[str, float | bool]) -> dict[ua.NodeId, tuple[list[str], Any]]:
         """Return the points and the value to write by node. Arrays are completed with the present values."""

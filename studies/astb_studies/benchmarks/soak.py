@@ -91,7 +91,7 @@ class Soak:
             if time.monotonic() - self.witness.broken < SETTLING + 1.0:
                 continue
             self.readings += 1
-            if not any(abs(value - heard) <= 0.51 * step for heard in list(self.witness.recent)):
+            if not any(abs(value - received) <= 0.51 * step for received in list(self.witness.recent)):
                 self.wrong.append(f"{SIGNAL} read as {TABLE[SIGNAL].show(value)}, which never came on CAN")
         modbus.close()
 

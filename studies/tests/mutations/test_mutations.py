@@ -163,7 +163,7 @@ def test_a_case_without_a_verdict_is_no_cell_and_a_rejected_rig_says_why():
     nothing = sound_run({"plan": "tightness", "seed": 4, "error": "KilledWorker"})
     assert nothing.rejected
     assert nothing.told == "KilledWorker"
-    told = "not ready: travel to the stop (wind = 9 m/s (gust) goes 42.5 mm; set a smaller wind); air at 3 bar (2 bar)"
-    refused = sound_run({"plan": "tightness", "seed": 4, "error": "", **row("blocked", reason=told)})
+    text = "not ready: travel to the stop (wind = 9 m/s (gust) goes 42.5 mm; set a smaller wind); air at 3 bar (2 bar)"
+    refused = sound_run({"plan": "tightness", "seed": 4, "error": "", **row("blocked", reason=text)})
     assert refused.refused
     assert refused.told == "not ready: travel to the stop; air at 3 bar"

@@ -373,8 +373,8 @@ def test_an_experiment_that_is_asked_for_in_other_words_is_not_made_again():
 def test_progress_is_reported_once_for_each_part():
     from concurrent.futures import Future
 
-    heard, futures = [], [Future() for _ in range(3)]
-    study._watch("kind", futures, lambda *news: heard.append(news))
+    received, futures = [], [Future() for _ in range(3)]
+    study._watch("kind", futures, lambda *news: received.append(news))
     for future, value in zip(futures, count(), strict=False):
         future.set_result(value)
-    assert heard == [("kind", k, 3) for k in range(4)]
+    assert received == [("kind", k, 3) for k in range(4)]

@@ -89,11 +89,11 @@ def _group(frames: Sequence[Sample], what: str, room: int, fd: bool) -> np.ndarr
     found = np.zeros(len(frames), [(f"{what}.{name}", *rest) for name, *rest in fields])
     for row, one in zip(found, frames, strict=True):
         size = len(one.data)
-        told: dict[str, Any] = {"BusChannel": one.channel, "ID": one.identifier, "IDE": one.extended}
-        told |= {"DLC": can.util.len2dlc(size), "DataLength": size, "EDL": one.fd}
-        told["DataBytes"] = np.frombuffer(one.data.ljust(room, b"\0"), np.uint8)
+        content: dict[str, Any] = {"BusChannel": one.channel, "ID": one.identifier, "IDE": one.extended}
+        content |= {"DLC": can.util.len2dlc(size), "DataLength": size, "EDL": one.fd}
+        content["DataBytes"] = np.frombuffer(one.data.ljust(room, b"\0"), np.uint8)
         for name, *_ in fields:
-            row[f"{what}.{name}"] = told[name]
+            row[f"{what}.{name}"] = content[name]
     return found
 
 

@@ -91,16 +91,16 @@ def lost(loss: Loss, plan: str, seed: int, within: tuple[float, float]) -> tuple
     chance = random.Random(f"{loss.name} {plan} {seed}")
     memory = RigInMemory(Rig(PARAMETERS, seed=seed))
     first = First(memory, seed)
-    told = ""
+    text = ""
     with tempfile.TemporaryDirectory() as folder:
         try:
             first.bench.connect()
             at = chance.uniform(*within)
             for after in (0.0, *loss.again):
                 later(memory.clock, at + after, lambda: first.over or loss.lose(first))
-            told = execute(plans()[plan], first.bench, folder).reason
+            text = execute(plans()[plan], first.bench, folder).reason
         except (Gone, KeyboardInterrupt) as end:
-            told = str(end)
+            text = str(end)
             if isinstance(end, Gone):
                 first.mute()
         first.over = True
@@ -109,7 +109,7 @@ def lost(loss: Loss, plan: str, seed: int, within: tuple[float, float]) -> tuple
         if "SIGSTOP" not in loss.name:
             with suppress(BenchError, KeyboardInterrupt):
                 first.bench.close()
-    return first.successor, told
+    return first.successor, text
 
 
 class FaultRig:

@@ -26,13 +26,13 @@ def confusion(path: Path, judged: Sequence[Judged]) -> None:
     """Hidden effects (rows; for the bench, families of causes) against the findings (columns)."""
     single = [j for j in judged if len(j.hidden) <= 1]
     rows = sorted({_one(j.hidden) for j in single}, key=lambda name: (name == NOTHING, name))
-    said = {name: [_named_cause(j) for j in single if _one(j.hidden) == name] for name in rows}
-    extra = sorted({word for words in said.values() for word in words} - {*rows, NOTHING, OPEN, SHAPE})
+    content = {name: [_named_cause(j) for j in single if _one(j.hidden) == name] for name in rows}
+    extra = sorted({word for words in content.values() for word in words} - {*rows, NOTHING, OPEN, SHAPE})
     columns = [*(row for row in rows if row != NOTHING), *extra, OPEN, SHAPE, NOTHING]
     shares = np.zeros((len(rows), len(columns)))
     for i, row in enumerate(rows):
-        for word in said[row]:
-            shares[i, columns.index(word)] += 1.0 / len(said[row])
+        for word in content[row]:
+            shares[i, columns.index(word)] += 1.0 / len(content[row])
     with style():
         from matplotlib.figure import Figure
 
@@ -40,7 +40,7 @@ def confusion(path: Path, judged: Sequence[Judged]) -> None:
         axes = figure.subplots()
         axes.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
         axes.set_xticks(range(len(columns)), columns, rotation=60, ha="right", rotation_mode="anchor")
-        axes.set_yticks(range(len(rows)), [f"{row}  ({len(said[row])})" for row in rows])
+        axes.set_yticks(range(len(rows)), [f"{row}  ({len(content[row])})" for row in rows])
         axes.grid(visible=False)
         axes.tick_params(length=0)
         for i, j in zip(*np.nonzero(shares), strict=True):

@@ -123,10 +123,10 @@ def main(rigs: int, processes: int, named: str) -> None:
     header = HEADER.format(count=rigs)
     if effects:
         header = SOUND.read_text(encoding="utf-8").partition(IMITATED)[0]
-        told = {
+        content = {
             part: {name: f"{row}  # of {rigs}" for name, row in rows.items()} for part, rows in parts.items()
         }
-        parts = {part: _kept(part, effects) | rows for part, rows in told.items()}
+        parts = {part: _kept(part, effects) | rows for part, rows in content.items()}
     lines = {
         part: "".join(f"{name} = {rows[name]}\n" for name in sorted(rows)) for part, rows in parts.items()
     }

@@ -23,7 +23,7 @@ def comfort(study: Study) -> BenchOutcome:
         for check in (SHAKES, COMFORT)
     )
     weak, strong = RIDE_WINDS
-    told = "; ".join(
+    text = "; ".join(
         f"{load} "
         + ", ".join(f"{shakes[load, wind]:.3f} m/s²{_index(index[load, wind])}" for wind in RIDE_WINDS)
         for load in LOADS
@@ -40,7 +40,7 @@ def comfort(study: Study) -> BenchOutcome:
         for load in LOADS
     }
     return BenchOutcome(
-        f"plan ride, a_y rms at {weak:g} and {strong:g} m/s: {told}",
+        f"plan ride, a_y rms at {weak:g} and {strong:g} m/s: {text}",
         rises and lower and comfortable,
         f"car on the plant's springs: {plant['measured']}. {plant['note']}"
         f" Without it N is {bare['AW0']} (AW0) and {bare['AW3']} (AW3).",

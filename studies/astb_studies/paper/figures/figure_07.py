@@ -60,10 +60,10 @@ def figure_7(study: Study) -> "Figure":
     a.set_ylim(-3.4, 0.5)
     b.set_ylim(-4.0, 19.5)
     area, volume = (study.identified.parameters[name] for name in ("effective_area", "bellows_volume"))
-    told = f"A₀ = {area.value:.5f} ± {area.high - area.value:.5f} m²"
-    a.text(0.03, 0.06, told, transform=a.transAxes, fontsize=8)
-    told = f"V₀ = {volume.value / litre:.2f} ± {(volume.high - volume.value) / litre:.2f} litre"
-    b.text(0.5, 0.93, told, transform=b.transAxes, fontsize=8, ha="center")
+    text = f"A₀ = {area.value:.5f} ± {area.high - area.value:.5f} m²"
+    a.text(0.03, 0.06, text, transform=a.transAxes, fontsize=8)
+    text = f"V₀ = {volume.value / litre:.2f} ± {(volume.high - volume.value) / litre:.2f} litre"
+    b.text(0.5, 0.93, text, transform=b.transAxes, fontsize=8, ha="center")
     add_legend(b, loc="upper center", bbox_to_anchor=(0.5, 0.86))
     add_key(
         figure,

@@ -140,8 +140,8 @@ def shake_in_tick(run: Run) -> Delay:
             places = course.places(run.rig, 1.0 / FREQUENCY, (SHAKES - 1) / FREQUENCY)
             late[name] = followed(*places, foreseen.hold, run.rig, STEP)[name].late
         found = foreseen.after(late[ROLLED], late[UP], foreseen.hold, run.rig)
-        told = f"pistons are {1e3 * found.pistons:.1f} ms late, the platform {1e3 * found.platform:.1f} ms"
-        run.say(f"in the rig's tick {told}")
+        text = f"pistons are {1e3 * found.pistons:.1f} ms late, the platform {1e3 * found.platform:.1f} ms"
+        run.say(f"in the rig's tick {text}")
     return found
 
 

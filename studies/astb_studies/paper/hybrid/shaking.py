@@ -62,6 +62,6 @@ def shake_loose(run: Run) -> Delay:
             moves = k * EACH + RISES, (k + 1) * EACH
             late[way] = followed(*course.places(run.rig, *moves), hold, run.rig)[way].late
         found = foreseen.after(late[ROLLED], late[UP], hold, run.rig)
-        told = f"pistons are {1e3 * found.pistons:.1f} ms late, the platform {1e3 * found.platform:.1f} ms"
-        run.say(f"{told}, and readings come every {1e3 * hold:.0f} ms")
+        text = f"pistons are {1e3 * found.pistons:.1f} ms late, the platform {1e3 * found.platform:.1f} ms"
+        run.say(f"{text}, and readings come every {1e3 * hold:.0f} ms")
     return found

@@ -269,18 +269,18 @@ def look_at_the_loop(run: Run, name: str, delay: Delay) -> bool:
     """Check the margins of a loop that comes as late as was measured; return whether a ride may begin."""
     load = run.specimen.load(name)
     found = margins_of(load, run.rig, delay)
-    told = f"{1e3 * delay.pistons:.0f} ms late, with readings every {1e3 * delay.hold:.0f} ms"
+    text = f"{1e3 * delay.pistons:.0f} ms late, with readings every {1e3 * delay.hold:.0f} ms"
     if not found.enough:
         reason = (
-            f"{run.rig.rig} is {told}: {found.text()}; a car on it would swing by itself, and does not ride"
+            f"{run.rig.rig} is {text}: {found.text()}; a car on it would swing by itself, and does not ride"
         )
         if longest := longest_delay(load, run.rig, delay):
             reason += f". It would with {1e3 * longest:.0f} ms"
         run.not_available((PHASE, GAIN, *JUDGED_OF), reason)
         return False
     phase, gain = (Exact(one, unknown=COMPUTED) for one in (found.phase, found.gain))
-    run.check(PHASE, phase, "deg", low=LEAST_PHASE, note=told)
-    run.check(GAIN, gain, "1", low=LEAST_GAIN, note=told)
+    run.check(PHASE, phase, "deg", low=LEAST_PHASE, note=text)
+    run.check(GAIN, gain, "1", low=LEAST_GAIN, note=text)
     return True
 
 
@@ -408,13 +408,13 @@ def _draw(run: Run, rides: Mapping[str, RideResult], times: tuple[float, float])
 def _compare(run: Run, what: str, check: str, both: Agreement) -> None:
     unit = next(unit for name, unit, *_ in JUDGED if name == check)
     factor, shown = FACTORS[unit], "" if unit == "1" else f" {unit}"
-    told = (
+    text = (
         f"bench {both.bench / factor:.4g}, simulation {both.alone / factor:.4g}, "
         f"U of the difference {both.expanded / factor:.2g}{shown}"
     )
     if both.expanded > TELLS * both.alone:
-        run.not_available([AGREES.of(what=what)], f"{told}: the uncertainty is larger than the effect")
+        run.not_available([AGREES.of(what=what)], f"{text}: the uncertainty is larger than the effect")
         return
     run.check(
-        AGREES.of(what=what), Exact(both.normalised, unknown=A_COMPARISON), "1", low=-1.0, high=1.0, note=told
+        AGREES.of(what=what), Exact(both.normalised, unknown=A_COMPARISON), "1", low=-1.0, high=1.0, note=text
     )
