@@ -166,7 +166,7 @@ FIGURES: list[tuple[str, Callable[[Results], tuple[str, ...]]]] = [
     (r"\| the model before \| ([\d.−]+) % \| ([\d.−]+) %", lambda r: _lost(r["before"])),
     (r"\| the model after \| ([\d.−]+) % \| ([\d.−]+) %", lambda r: _lost(r["after"])),
     (
-        r"1\. screening, [\d.]+ min, [^:]*: ([^\n]*, which the model did not have[^\n]*)\n",
+        r"1\. screening, [\d.]+ min, [^:]*: ([^\n]*The base model lacks[^\n]*)\n",
         lambda r: (r["again"]["sentence"],),
     ),
     (r"busy for ([\d.]+) of its 20", lambda r: (f"{sum(s['minutes'] for s in r['log']['steps']):.1f}",)),
@@ -176,7 +176,7 @@ FIGURES: list[tuple[str, Callable[[Results], tuple[str, ...]]]] = [
         lambda r: (_score(r["again"], "leak_laminar.left"), _score(r["again"], "leak.left")),
     ),
     (
-        r"the unseen stretch the error falls from ([\d.]+) to ([\d.]+) times",
+        r"the test run the error falls from ([\d.]+) to ([\d.]+) times",
         lambda r: _noise_ratios(r["again"]),
     ),
 ]
