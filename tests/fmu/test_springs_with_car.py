@@ -1,4 +1,4 @@
-"""Springs and car as one SSP file: its connections fit its FMUs, and other tools simulate what it is made of."""
+"""Springs and car as one SSP file: its connections fit its FMUs, and another tool simulates it."""
 
 import zipfile
 from functools import partial

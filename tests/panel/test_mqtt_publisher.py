@@ -129,7 +129,7 @@ def test_a_client_reads_value_unit_quality_and_time(publisher, broker):
             assert sample.age <= age < sample.age + 5.0
 
 
-def test_all_measurements_are_retained_beside_the_status(publisher, broker, stub_watch):
+def test_all_measurements_are_retained_with_the_status(publisher, broker, stub_watch):
     expected = {f"astb/test/{name.replace('.', '/')}" for name in stub_watch.row} | {"astb/test/status"}
     found = broker.received("astb/test/#", "--retained-only", "-C", str(len(expected)))
     assert {topic for topic, _ in found} == expected and ("astb/test/status", "online") in found

@@ -56,7 +56,7 @@ def test_other_data_are_refused(client, parts, what, wrong):
     assert reservations(parts.watch.path) == []
 
 
-def test_an_observer_changes_nothing(client, parts):
+def test_an_observer_cannot_change_reservations(client, parts):
     client().post("/api/reservations/add", json=body("A. Miller", 0, 2))
     (kept,) = reservations(parts.watch.path)
     watching = client(command=False)

@@ -72,7 +72,7 @@ def _first(first: Any, *_others: Any) -> Any:
     return first
 
 
-def _unlike_first(result: Any, first: Any, *_others: Any) -> bool:
+def _differs_from_first(result: Any, first: Any, *_others: Any) -> bool:
     return result is not first
 
 
@@ -96,7 +96,7 @@ def _first_that_passes(_problem: Any, _state: Any, trials: Sequence[Any]) -> Any
     return next((trial for trial in trials if not trial.failed), None)
 
 
-def _nothing(*_args: Any, **_named: Any) -> Any:
+def _empty(*_args: Any, **_named: Any) -> Any:
     return ()
 
 
@@ -147,7 +147,7 @@ RULES: Final = (
     Rule("pair of unphysical trials", "admission", "choose_pair", _none, _is_something),
     Rule("small but sufficient", "admission", "choose_sufficient", _none, _is_something),
     Rule("with a strained trial", "admission", "choose_with_strained", _none, _is_something),
-    Rule("second look", "second_look", "look_again", _nothing),
+    Rule("second look", "second_look", "look_again", _empty),
     Rule("swap", "rivals", "swap", _without_swaps, _swapped),
     Rule("backward elimination", "backward", "_failed", _no_names),
     Rule(
@@ -158,10 +158,10 @@ RULES: Final = (
         lambda result, _problem, _state, _without, failed: result != failed,
     ),
     Rule("below the resolution of samples", "verdict", "_below_samples", _no_names),
-    Rule("surface instead of a cause", "doubt", "doubtful", _nothing),
-    Rule("not clearly larger than a surface", "doubt", "no_clearer", _nothing),
-    Rule("interval contains zero", "doubt", "vague", _nothing),
-    Rule("constancy", "constancy", "owed_to_form", _nothing),
+    Rule("surface instead of a cause", "doubt", "doubtful", _empty),
+    Rule("not clearly larger than a surface", "doubt", "no_clearer", _empty),
+    Rule("interval contains zero", "doubt", "vague", _empty),
+    Rule("constancy", "constancy", "owed_to_form", _empty),
     Rule("exemption of predicted causes", "prediction_share", "is_predicted", _no),
     Rule(
         "removed causes again",
@@ -177,9 +177,9 @@ RULES: Final = (
         _as_judged,
         lambda result, judgement, *_: result[0] is not judgement,
     ),
-    Rule("rivals by unseen runs", "undecided", "undecided", _nothing),
-    Rule("verdict by unseen runs", "verdict", "final", _first, _unlike_first),
-    Rule("goodness of fit", "diagnose", "verdict_on", _first, _unlike_first),
+    Rule("rivals by unseen runs", "undecided", "undecided", _empty),
+    Rule("verdict by unseen runs", "verdict", "final", _first, _differs_from_first),
+    Rule("goodness of fit", "diagnose", "verdict_on", _first, _differs_from_first),
     Rule(
         "laws of one phenomenon",
         "laws",
