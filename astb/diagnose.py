@@ -329,7 +329,7 @@ def _cause(cause: Cause) -> str:
 def _estimate(one: Estimate) -> str:
     unit = "" if one.unit == "1" else f" {one.unit}"
     if one.below is not None:
-        return f"{one.name} not resolved: below {one.below:.2g}{unit}"
+        return f"{one.name} too small to measure: below {one.below:.2g}{unit}"
     if one.value is None:
         return f"{one.name} unknown"
     if one.low is None or one.high is None:

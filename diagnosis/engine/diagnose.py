@@ -351,8 +351,9 @@ def _remains(data: Dataset, judgement: Judgement, left: Remainder) -> list[str]:
         f"above the threshold of {screening.threshold:.1f}."
         for i in screening.exceeding
     ]
+    titles = {one.effect.name: one.effect.title for one in screening.candidates}
     sentences += [
-        f"{trial.effect} was tried but not accepted: {trial.failed}."
+        f"{titles.get(trial.effect, trial.effect)} was not accepted, because {trial.failed}."
         for trial in judgement.found.steps[-1].trials
         if trial.failed
     ]

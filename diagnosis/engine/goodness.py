@@ -184,7 +184,10 @@ def humming(data: Dataset, alpha: float) -> list[str]:
 
 def as_sentence(one: Misfit, roles: Mapping[Role, str]) -> str:
     """Return a misfit as a sentence."""
-    return f"{roles[one.role]}, the error of {one.channel} is {one.ratio:.3g} times its noise ({one.kind})."
+    return (
+        f"{roles[one.role]}, the error of {one.channel} is {one.ratio:.3g} times its noise. "
+        f"This error is {one.kind}."
+    )
 
 
 def _rests(runs: Sequence[MeasuredRun], channel: int) -> Iterator[tuple[Array, float]]:

@@ -113,11 +113,11 @@ def further(screening: Screening) -> str:
     first, *others = [*screening.exceeding, None]
     if first is None:
         return ""
-    more = f", and {len(others) - 1} more" if len(others) > 1 else ""
-    return (
-        f"{_begun(screening.candidates[first].effect.title)}{more} may be there as well, because the remaining error "
-        f"gives {'them scores' if more else 'it a score'} above the threshold."
-    )
+    title, count = _begun(screening.candidates[first].effect.title), len(others) - 1
+    if not count:
+        return f"{title} may be there as well. It fits the remaining error better than chance allows."
+    more = f"{count} other effect{'s' if count > 1 else ''}"
+    return f"{title} or {more} may be there as well. Each of them fits the remaining error better than chance allows."
 
 
 def _sentences(parts: Sequence[str]) -> str:
@@ -186,10 +186,15 @@ def _alternatives(found: Finding) -> str:
     rivals = [r for r in found.ambiguous_with if (r.instead_of, r.effect) not in laws]
     if not rivals:
         return "" if laws else "No other tested cause explains these runs equally well."
-    text = " or ".join(
-        f"{_with_size(one)} instead of {titles.get(one.instead_of, one.instead_of)}" for one in rivals
+    instead: dict[str, list[str]] = {}
+    for one in rivals:
+        instead.setdefault(titles.get(one.instead_of, one.instead_of), []).append(_with_size(one))
+    return _sentences(
+        [
+            f"Instead of {title}, these runs can also be explained by {'; or '.join(names)}."
+            for title, names in instead.items()
+        ]
     )
-    return f"These runs can also be explained by {text}."
 
 
 def _suspected(found: Finding, left: Remainder) -> str:
@@ -288,7 +293,7 @@ def _shown_by(found: Finding) -> str:
         before, after, floor = (
             _with_unit(value or 0.0, one.unit, 3) for value in (one.rmse_before, one.rmse_after, one.floor)
         )
-        return f"The clearest channel is {one.channel}. Its error changes from {before} to {after} (noise: {floor})."
+        return f"The error of {one.channel} changes most clearly, from {before} to {after} (noise: {floor})."
     if not found.imitations:
         return ""
     number = found.imitations[0]
@@ -326,10 +331,10 @@ def _next(found: Finding, beside: Conclusions) -> str:
     effects = [beside.hypotheses[name] for name in names if name in beside.hypotheses]
     if not effects:
         return "Add the effect that you expect to the catalogue, and repeat the diagnosis."
-    places = dict.fromkeys(
-        WHERE.get(one.family, f"the parts that can cause this: {one.title}") for one in effects
-    )
-    parts = [f"Inspect {'; and '.join(places)}."]
+    places = dict.fromkeys(WHERE[one.family] for one in effects if one.family in WHERE)
+    others = dict.fromkeys(one.title for one in effects if one.family not in WHERE)
+    parts = [f"Inspect {'; and '.join(places)}."] if places else []
+    parts += [f"Search for the cause of: {'; '.join(others)}."] if others else []
     tests = [one.separated_by for one in effects if one.separated_by]
     if found.next_runs:
         parts.append(f"Next run: {found.next_runs[0].experiment}.")

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -94,10 +95,15 @@ def explain(
     return (fitted if kept else model), unknown
 
 
+#: Why a surface is not a part of the final model.
+_NOT_KEPT: Final = "It is not kept, because it does not predict the {} runs better"
+
+
 def dropped(unknown: Unknown) -> Unknown:
     """Return a kept surface as one that is not kept, because it does not improve the prediction of the report runs."""
-    why = "not kept, because it does not predict the test runs better"
-    return msgspec.structs.replace(unknown, kept=False, sentence=f"{unknown.sentence.rstrip('.')}; {why}.")
+    return msgspec.structs.replace(
+        unknown, kept=False, sentence=f"{unknown.sentence} {_NOT_KEPT.format('test')}."
+    )
 
 
 def _gain(model: FittedModel, fitted: FittedModel, select: Sequence[MeasuredRun]) -> float:
@@ -168,11 +174,11 @@ def _sentence(surface: Surface, regions: Sequence[Region], nearest: Sequence[Nea
                 acts.append(f"{what} {' and '.join(_span(r.low, r.high) for r in mine)} {unit}".rstrip())
     parts = [surface.title[:1].upper() + surface.title[1:] + (f", at {', '.join(acts)}" if acts else "")]
     if nearest:
-        parts.append(f"most similar known effects: {', '.join(n.effect for n in nearest)}")
-    parts.append("valid only for " + (", ".join(seen) if seen else "the range of these runs"))
+        parts.append(f"The most similar known effects are {', '.join(n.effect for n in nearest)}")
+    parts.append("It is valid only for " + (", ".join(seen) if seen else "the range of these runs"))
     if not kept:
-        parts.append("not kept, because it does not predict the validation runs better")
-    return "; ".join(parts) + "."
+        parts.append(_NOT_KEPT.format("validation"))
+    return ". ".join(parts) + "."
 
 
 def _span(low: float | None, high: float | None) -> str:

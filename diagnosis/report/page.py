@@ -69,6 +69,11 @@ HEADLINES: Final = {
 }
 
 
+_SCORE: Final = (
+    "The parameters of the base model can imitate a part of the change that an effect causes. The rest of the change "
+    "is the footprint of the effect. The score shows how strongly the residual of the base model contains the "
+    "footprint, in standard deviations of the noise."
+)
 _STYLE: Final = """\
 .banner.calm { --tone: var(--pass); } .banner.found { --tone: var(--found); }
 .banner.open { --tone: var(--marginal); } .banner.alarm { --tone: var(--fail); }
@@ -137,6 +142,8 @@ def headline(finding: Finding) -> str:
         return "A cause is suspected, but no test run confirms it"
     if finding.verdict is Verdict.NAMED and any(cause.laws for cause in finding.causes):
         return "A cause is found, but not its exact law"
+    if finding.verdict is Verdict.NAMED and len(finding.causes) > 1:
+        return "The causes are found"
     return HEADLINES[finding.verdict]
 
 
@@ -268,7 +275,7 @@ def _unseen_row(one: Unseen) -> tuple[object, ...]:
 def _gain(finding: Finding) -> Markup:
     """Return the errors of both models on the report runs, and their curves."""
     extended, report = bool(finding.models.effects), finding.provenance.report
-    fitted = "Neither model was" if extended else "The model was not"
+    fitted = "Neither the base model nor the model with the causes was" if extended else "The model was not"
     covered = (map(percent, (one.level, one.before, one.after)) for one in finding.coverage)
     within = [(f"within the {level} band of the noise", *both, level) for level, *both in covered]
     return section(
@@ -280,7 +287,7 @@ def _gain(finding: Finding) -> Markup:
             map(_gain_row, finding.gains),
         ),
         caption(
-            "Removed share of the removable squared error: (RMSE₀² − RMSE₁²) / (RMSE₀² − noise²); the noise itself "
+            "The removed share is (RMSE₀² − RMSE₁²) / (RMSE₀² − noise²), with RMSE₀ before and RMSE₁ after. Noise "
             "cannot be removed. Signal: the standard deviation of the measurement."
         ),
         table("of the samples | before :n | after :n value | expected :n", within, "numbers"),
@@ -348,13 +355,12 @@ def _statistics(finding: Finding) -> Iterator[Markup]:
         )
         yield section(
             "Strength of the evidence",
-            "The footprint of an effect is the change of the outputs that remains after the base model has adapted "
-            "its parameters. The score is the agreement of the footprint with the residual of the base model, in "
-            f"standard deviations of the noise; its threshold is {shown(finding.threshold)}. λ is the length of the "
-            "footprint in the same unit. The cosine is the similarity of two footprints; 1 means that they are equal.",
+            f"{_SCORE} Its threshold is {shown(finding.threshold)}. λ is the size of the footprint in the same unit. "
+            "The cosine is the similarity of two footprints; 1 means that they are equal.",
             table(heads, rows),
             caption(
-                "The data do not exclude an alternative whose BIC is worse by less than 10. If the remaining error "
+                "BIC compares models by their misfit and number of parameters; lower is better. The data do not "
+                "exclude an alternative whose BIC is worse by less than 10. If the remaining error "
                 "exceeds the noise, they also do not exclude an alternative that predicts the test runs equally well."
             ),
         )
@@ -439,10 +445,8 @@ def _tests(finding: Finding) -> Iterator[Markup]:
     ]
     yield section(
         "Tested effects",
-        "The footprint of an effect is the change of the outputs that remains after the base model has adapted its "
-        "parameters. The score is the agreement of the footprint with the remaining error of the base model, in "
-        "standard deviations of the noise. By chance alone, the highest of all scores exceeds the threshold in "
-        f"{percent(finding.alpha)} of diagnoses.",
+        f"{'' if any(_strengths(finding)) else _SCORE} By chance alone, the highest of all scores exceeds the "
+        f"threshold in {percent(finding.alpha)} of diagnoses.".strip(),
         drawing(drawings.score_points("scores", finding.scores, finding.threshold)),
         subheading("Above the threshold, but not named") if rejected else "",
         table("effect | family :u | score :n | at :u words | reason", rejected),
@@ -453,14 +457,16 @@ def _tests(finding: Finding) -> Iterator[Markup]:
     clear = sorted(
         (row for row in tested if row.significant), key=lambda row: (row.q or 0.0, -(row.statistic or 0.0))
     )
-    by_chance = f", at most {percent(0.01)} of these by chance" if clear else ""
+    by_chance = (
+        f" On average, at most {percent(0.01)} of the significant tests are false alarms." if clear else ""
+    )
     told = [
         (prose(row.sentence), row.run, chance(row.q), row.points_to) for row in _one_of_each_test_first(clear)
     ]
     drawn = [(f"{row.title}: {row.channel}", row.figure) for row in clear if row.figure][:FIGURES]
     yield section(
         "Tests of the error of the base model",
-        f"Of {len(tested)} tests of the error, {len(clear)} are significant{by_chance}. No test assumes a cause.",
+        f"{len(clear)} of {len(tested)} tests of the error are significant.{by_chance} No test assumes a cause.",
         drawing(drawings.panel_map("panel", finding.panel)),
         caption(
             "Each number is the statistic of a significant test (k: thousands, M: millions). A field is darker for a "
@@ -495,8 +501,9 @@ def _limits(finding: Finding) -> Iterator[Markup]:
     if shifts := _largest_shifts(finding.shifts):
         yield section(
             "The parameters of the base model, before and after",
-            "If the model lacks a cause, its parameters compensate for it, with intervals that are too narrow. For a "
-            "parameter outside the grey band, the 95 % interval of the base model was wrong.",
+            "If the model lacks a cause, its parameters take wrong values that compensate for the cause. Their "
+            "intervals are then too narrow. For a parameter outside the grey band, the 95 % interval of the base model "
+            "was wrong.",
             drawing(
                 drawings.shift_rows("shifts", [(_label(shift), shift.sigmas or 0.0) for shift in shifts])
             ),
@@ -530,7 +537,7 @@ def _named(one: Estimate | Imitation | Shift) -> str:
 def interval(estimate: Estimate) -> str:
     """Return the 95 % interval of a fitted number as text, or the bound below which the samples do not resolve it."""
     if estimate.below is not None:
-        return f"not resolved: below {shown(estimate.below, 2)}"
+        return f"too small to measure: below {shown(estimate.below, 2)}"
     if estimate.low is None or estimate.high is None:
         return "not known"
     half = 0.5 * (estimate.high - estimate.low)
