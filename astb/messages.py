@@ -14,6 +14,7 @@ from urllib.parse import SplitResult, urlsplit
 
 import msgspec
 
+from bench_protocol.os_errors import error_text
 from bench_protocol.units import s
 from bench_records.report import headline
 from test_plans.operator import QuestionBox
@@ -80,7 +81,7 @@ class Webhook:
         except TimeoutError:
             return f"the server did not answer within {WITHIN:g} s"
         except (OSError, HTTPException) as error:
-            return getattr(error, "strerror", None) or str(error) or type(error).__name__
+            return error_text(error)
         finally:
             line.close()
         return "" if 200 <= status < 300 else f"the server answered with status {status}"

@@ -22,8 +22,13 @@ _REMEDIES: Final = MappingProxyType(
 )
 
 
+def error_text(error: BaseException) -> str:
+    """Return an error as text that is not empty; of an error of the operating system without number and path."""
+    return str(getattr(error, "strerror", None) or str(error) or type(error).__name__)
+
+
 def reason(error: BaseException) -> str:
     """Return an error as text; for a frequent error of a file or disk the remedy follows."""
-    text = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    text = error_text(error)
     remedy = _REMEDIES.get(getattr(error, "errno", None) or 0)
     return f"{text}; {remedy}" if remedy else text

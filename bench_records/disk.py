@@ -8,6 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
+from bench_protocol.os_errors import error_text
 from bench_protocol.runtime.room import reserve
 from bench_records.layout import RecordError
 
@@ -41,7 +42,7 @@ def why(error: BaseException) -> str:
     number = getattr(error, "errno", None)
     if number in REFUSALS:
         return REFUSALS[number]
-    return str(getattr(error, "strerror", None) or str(error) or type(error).__name__)
+    return error_text(error)
 
 
 def of_the_disk(error: BaseException) -> bool:

@@ -13,7 +13,7 @@ import can
 from bench_protocol.account import Account
 from bench_protocol.file_forms import endings
 from bench_protocol.frames import Block
-from bench_protocol.os_errors import reason
+from bench_protocol.os_errors import error_text, reason
 from bench_protocol.socketcand import iterate
 from bench_protocol.units import NS
 from drivers.can_files.frames import CanLogError
@@ -61,7 +61,7 @@ class CanLog:
                     self._writer.on_message_received(message)
             self._writer.stop()
         except Exception as error:  # writers have their own exceptions; the caller of close gets each of them
-            self._failure = str(getattr(error, "strerror", None) or error) or type(error).__name__
+            self._failure = error_text(error)
             self._report(self._error())
             while self._waiting.get() is not None:
                 pass  # frames that cannot be written must not fill the memory
