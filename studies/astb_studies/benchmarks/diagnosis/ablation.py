@@ -96,28 +96,9 @@ def _first_that_passes(_problem: Any, _state: Any, trials: Sequence[Any]) -> Any
     return next((trial for trial in trials if not trial.failed), None)
 
 
-def _empty(*_args: Any, **_named: Any) -> Any:
-    return ()
-
-
-def _no_names(*_args: Any) -> dict[str, str]:
-    return {}
-
-
-def _none(*_args: Any, **_named: Any) -> Any:
-    return None
-
-
-def _no_reason(*_args: Any, **_named: Any) -> str:
-    return ""
-
-
-def _zero(*_args: Any, **_named: Any) -> float:
-    return 0.0
-
-
-def _no(*_args: Any, **_named: Any) -> bool:
-    return False
+def _always(result: Any) -> Callable[..., Any]:
+    """Return a function that returns ``result`` for any arguments."""
+    return lambda *_args, **_named: result
 
 
 def _is_something(result: Any, *_args: Any) -> bool:
@@ -126,8 +107,8 @@ def _is_something(result: Any, *_args: Any) -> bool:
 
 #: The rules beyond score, threshold, fit and BIC, in the order of the steps of a diagnosis.
 RULES: Final = (
-    Rule("unphysical", "gates", "unphysical", _no_reason),
-    Rule("merely rough", "gates", "merely_rough", _no_reason),
+    Rule("unphysical", "gates", "unphysical", _always("")),
+    Rule("merely rough", "gates", "merely_rough", _always("")),
     Rule(
         "density of the validation runs",
         "gates",
@@ -135,8 +116,8 @@ RULES: Final = (
         _only_explained,
         lambda result, *args: result != _only_explained(*args),
     ),
-    Rule("explains too little", "gates", "explains_too_little", _no_reason),
-    Rule("surcharge of a richer member", "family", "richer_surcharge", _zero),
+    Rule("explains too little", "gates", "explains_too_little", _always("")),
+    Rule("surcharge of a richer member", "family", "richer_surcharge", _always(0.0)),
     Rule(
         "richer member instead of a pair",
         "admission",
@@ -144,12 +125,12 @@ RULES: Final = (
         _first_that_passes,
         lambda result, *args: result is not _first_that_passes(*args),
     ),
-    Rule("pair of unphysical trials", "admission", "choose_pair", _none, _is_something),
-    Rule("small but sufficient", "admission", "choose_sufficient", _none, _is_something),
-    Rule("with a strained trial", "admission", "choose_with_strained", _none, _is_something),
-    Rule("second look", "second_look", "look_again", _empty),
+    Rule("pair of unphysical trials", "admission", "choose_pair", _always(None), _is_something),
+    Rule("small but sufficient", "admission", "choose_sufficient", _always(None), _is_something),
+    Rule("with a strained trial", "admission", "choose_with_strained", _always(None), _is_something),
+    Rule("second look", "second_look", "look_again", _always(())),
     Rule("swap", "rivals", "swap", _without_swaps, _swapped),
-    Rule("backward elimination", "backward", "_failed", _no_names),
+    Rule("backward elimination", "backward", "_failed", _always({})),
     Rule(
         "remove the weaker of two",
         "backward",
@@ -157,12 +138,12 @@ RULES: Final = (
         lambda _problem, _state, _without, failed: failed,
         lambda result, _problem, _state, _without, failed: result != failed,
     ),
-    Rule("below the resolution of samples", "verdict", "_below_samples", _no_names),
-    Rule("surface instead of a cause", "doubt", "doubtful", _empty),
-    Rule("not clearly larger than a surface", "doubt", "no_clearer", _empty),
-    Rule("interval contains zero", "doubt", "vague", _empty),
-    Rule("constancy", "constancy", "owed_to_form", _empty),
-    Rule("exemption of predicted causes", "prediction_share", "is_predicted", _no),
+    Rule("below the resolution of samples", "verdict", "_below_samples", _always({})),
+    Rule("surface instead of a cause", "doubt", "doubtful", _always(())),
+    Rule("not clearly larger than a surface", "doubt", "no_clearer", _always(())),
+    Rule("interval contains zero", "doubt", "vague", _always(())),
+    Rule("constancy", "constancy", "owed_to_form", _always(())),
+    Rule("exemption of predicted causes", "prediction_share", "is_predicted", _always(False)),
     Rule(
         "removed causes again",
         "substitutes",
@@ -177,7 +158,7 @@ RULES: Final = (
         _as_judged,
         lambda result, judgement, *_: result[0] is not judgement,
     ),
-    Rule("rivals by unseen runs", "undecided", "undecided", _empty),
+    Rule("rivals by unseen runs", "undecided", "undecided", _always(())),
     Rule("verdict by unseen runs", "verdict", "final", _first, _differs_from_first),
     Rule("goodness of fit", "diagnose", "verdict_on", _first, _differs_from_first),
     Rule(
