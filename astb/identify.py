@@ -189,9 +189,9 @@ def _of_simulator(simulator: "Simulator", dataset: "Dataset", out: Path | None, 
         except OSError as error:
             raise DiagnosisError(f"{out} cannot be written: {reason(error)}") from None
     variables = simulator.fmu.variables if isinstance(simulator, FmuSimulator) else {}
-    content = {name: one.description for name, one in variables.items()}
+    descriptions = {name: one.description for name, one in variables.items()}
     return Answer(
-        rows=[_row(one, content.get(one.parameter.name, "")) for one in found.parameters],
+        rows=[_row(one, descriptions.get(one.parameter.name, "")) for one in found.parameters],
         doubts=list(found.doubts),
         readings=list(dataset.readings),
     )

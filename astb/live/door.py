@@ -68,10 +68,10 @@ class Door:
         """Execute one line and return the answer; an impossible request returns an ``error``."""
         try:
             order = msgspec.json.decode(line, type=dict[str, str])
-            content = self._execute(order)
+            answer = self._execute(order)
         except (msgspec.MsgspecError, ValueError, RecursionError, BenchError) as error:
-            content = {"error": str(error)}
-        return msgspec.json.encode(content) + b"\n"
+            answer = {"error": str(error)}
+        return msgspec.json.encode(answer) + b"\n"
 
     def _execute(self, order: dict[str, str]) -> dict[str, Any]:
         do, by = order.get("do", ""), order.get("by") or "the panel"

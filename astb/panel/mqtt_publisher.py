@@ -113,9 +113,8 @@ class MqttPublisher:
 
     async def _pause(self, seconds: float) -> None:
         """Wait until the end, ``seconds`` at most."""
-        with suppress(
-            TimeoutError
-        ):  # a cancelled task would not do: wait_for of Python 3.11 can lose the request
+        # A cancelled task would not do: wait_for of Python 3.11 can lose the request.
+        with suppress(TimeoutError):
             await asyncio.wait_for(self._end.wait(), seconds)
 
     async def _publish(self, client: Client, readings: Iterable[ServedReading]) -> None:

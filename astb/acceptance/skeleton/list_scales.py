@@ -123,8 +123,8 @@ def size_units(head: str, sizes: Sequence[tuple[str, int]]) -> set[int]:
 
     A type that states its size must agree with the cell; a count of 0 is unknown.
     """
-    content = {"word": 1, "regist": 1, "byte": 2, "bit": 16}
-    found = {unit for word, unit in content.items() if word in head.lower()} or set(_SIZES)
+    units = {"word": 1, "regist": 1, "byte": 2, "bit": 16}
+    found = {unit for word, unit in units.items() if word in head.lower()} or set(_SIZES)
     numbers = [(int(cell), known) for cell, known in sizes if cell.isdigit()]
     if any(number == 1 and known != 0 for number, known in numbers):
         return found & {1}
