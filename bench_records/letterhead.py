@@ -10,6 +10,7 @@ import msgspec
 
 from bench_protocol.input_limits import Unfit, read_bounded, read_toml
 from bench_protocol.misfit import misfit
+from bench_protocol.os_errors import reason
 from bench_records.layout import RecordError
 
 #: The variable of the environment that names the file for every report.
@@ -41,7 +42,7 @@ def read_letterhead(path: Path) -> Letterhead:
         content = read_toml(path)
         found = msgspec.convert(content, Letterhead)
     except OSError as error:
-        raise RecordError(f"letterhead {path} cannot be read: {error.strerror}") from None
+        raise RecordError(f"letterhead {path} cannot be read: {reason(error)}") from None
     except Unfit as error:
         raise RecordError(f"letterhead {path} {error}") from None
     except msgspec.ValidationError as error:
@@ -59,7 +60,7 @@ def _picture(path: Path, logo: str) -> str:
     try:
         data = read_bounded(picture, LOGO_MAX)
     except OSError as error:
-        raise RecordError(f"letterhead {path}: logo {picture} cannot be read: {error.strerror}") from None
+        raise RecordError(f"letterhead {path}: logo {picture} cannot be read: {reason(error)}") from None
     except Unfit as error:
         raise RecordError(f"letterhead {path}: logo {picture} {error}") from None
     if not data.startswith(_BEGINS.get(kind, b"")) or (kind == "image/svg+xml" and b"<svg" not in data):

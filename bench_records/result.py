@@ -18,6 +18,7 @@ from typing import Any
 import msgspec
 
 from bench_protocol.input_limits import RESULT_BYTES, Unfit, read_bounded
+from bench_protocol.os_errors import reason
 from bench_records.conformity import SURE, conformity, coverage_factor, decimals, guard_factor, percent
 from bench_records.curves import Curve
 from bench_records.layout import RESULT, Condition, Phase, RecordError, put
@@ -416,7 +417,7 @@ def read_result(directory: Path | str) -> Result:
     try:
         data = read_bounded(path, RESULT_BYTES)
     except OSError as error:
-        raise RecordError(f"{RESULT} in {directory} cannot be read: {error.strerror}") from error
+        raise RecordError(f"{RESULT} in {directory} cannot be read: {reason(error)}") from error
     except Unfit as error:
         raise RecordError(f"{path} {error}") from None
     try:

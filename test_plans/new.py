@@ -5,6 +5,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Final
 
+from bench_protocol.os_errors import reason
 from test_plans.run import PlanError
 
 _TEXT: Final = '''"""{Title}: under the same load, both springs rest at the same pressure."""
@@ -56,5 +57,5 @@ def write_new(name: str, folder: Path, known: Collection[str]) -> Path:
     except FileExistsError:
         raise PlanError(f"{path} exists already; choose another name or remove it") from None
     except OSError as error:
-        raise PlanError(f"{path} cannot be written: {error.strerror}") from None
+        raise PlanError(f"{path} cannot be written: {reason(error)}") from None
     return path

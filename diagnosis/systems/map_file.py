@@ -13,6 +13,7 @@ from bench_protocol.account import Account
 from bench_protocol.dimensions import DimensionsError, read_dimensions
 from bench_protocol.input_limits import Unfit, read_toml
 from bench_protocol.misfit import Misfits, converted
+from bench_protocol.os_errors import reason
 from bench_records.layout import RecordError
 from bench_records.tables import reading
 from bench_records.tables.keys import ColumnName, FileKeys, Source, TimeSource
@@ -123,7 +124,7 @@ def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]
     try:
         content = read_toml(map_path)
     except OSError as error:
-        raise DiagnosisError(f"{map_path}: cannot be read: {error.strerror}") from None
+        raise DiagnosisError(f"{map_path}: cannot be read: {reason(error)}") from None
     except Unfit as error:
         raise DiagnosisError(f"{map_path} {error}") from None
     try:

@@ -13,6 +13,7 @@ from typing import BinaryIO, Final, NamedTuple, cast
 
 from bench_protocol.account import Account
 from bench_protocol.input_limits import LINE_BYTES, SAMPLES_BYTES, Unfit, check_expansion, check_size, size
+from bench_protocol.os_errors import reason
 from drivers.can_files.frames import CanLogError
 
 ERRORS: Final = "error frame(s)"
@@ -81,7 +82,7 @@ def opened(path: Path) -> BinaryIO:
     except Unfit as error:
         raise CanLogError(f"{path} {error}") from None
     except OSError as error:
-        raise CanLogError(f"{path} cannot be read: {error.strerror or error}") from None
+        raise CanLogError(f"{path} cannot be read: {reason(error)}") from None
 
 
 def lines_of(path: Path, account: Account) -> Iterator[Line]:

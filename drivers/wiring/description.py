@@ -15,6 +15,7 @@ from typing import Any, Final
 import msgspec
 
 from bench_protocol.input_limits import Unfit, read_toml
+from bench_protocol.os_errors import reason
 from bench_protocol.signals import Kind, Signal
 from bench_protocol.suggestion import did_you_mean
 from bench_protocol.wires import Table
@@ -45,7 +46,7 @@ def read_description(path: Path, table: Table) -> Description:
     try:
         content = read_toml(path)
     except OSError as error:
-        raise WiringError(f"wiring file {path} cannot be read: {error.strerror}") from None
+        raise WiringError(f"wiring file {path} cannot be read: {reason(error)}") from None
     except Unfit as error:
         raise WiringError(f"wiring file {path} {error}") from None
     return describe(content, path, table, whole=True)
