@@ -180,8 +180,10 @@ def controlled_track(
     if not (run.bench.amplitude_control and axes):
         return once(wanted)
 
+    followed: list[Followed] = []
+
     def answer(command: Offsets, moved: Capture) -> Answer[Offsets]:
-        followed = _followed(times, wanted, command, axes, before, moved)
+        followed[:] = _followed(times, wanted, command, axes, before, moved)
         wrong = [
             f"{_spoken(one.axis)} {low:g} to {high:g} Hz {abs(ratio):.1%} at {np.angle(ratio, deg=True):+.1f}°"
             for one in followed
@@ -191,8 +193,8 @@ def controlled_track(
         corrected = {one.axis: _filtered(times, wanted[one.axis], one) for one in followed}
         return Answer(not wrong, {**command, **corrected}, ", ".join(wrong), "the inverse transfer function")
 
-    moved, command, found, repetitions = _repeat(run, TRACK, wanted, once, answer)
-    for one in _followed(times, wanted, command, axes, before, moved):
+    moved, _, found, repetitions = _repeat(run, TRACK, wanted, once, answer)
+    for one in followed:
         for band, ratio in one.octaves().items():
             track, sent = one.by_track.rms(*band), one.by_command.rms(*band)
             place = _spoken(one.axis), TRACK, sqrt(band[0] * band[1])
