@@ -19,7 +19,7 @@ from bench_protocol.modbus import DEVICE_FAILURE
 from bench_protocol.signals import Kind
 from bench_protocol.units import NS, ms
 from bench_protocol.words import STATES
-from drivers.errors import BenchError, LinkLost, MapMismatch, Misuse, Refused, WiringError
+from drivers.errors import BenchError, LinkLost, MapMismatch, Misuse, NotAvailable, Refused, WiringError
 from drivers.wiring.astb.transport import AstbTransport
 from drivers.wiring.contract import (
     Capabilities,
@@ -33,7 +33,6 @@ from drivers.wiring.contract import (
     Transport,
     refuse_absent,
 )
-from drivers.wiring.direct import Direct, NullTransport
 from drivers.wiring.lines import Description, Source, listening
 from drivers.wiring.player import Player
 from drivers.wiring.points import Points
@@ -67,17 +66,17 @@ def open_described(rig: str, description: Description, ports: Ports | None = Non
         ports=ports,
         streamed=by_transport(one.point for one in description.setpoints.values()),
     )
-    direct: Direct | None = None
-    if name := description.direct:
+    carrier: AstbTransport | None = None
+    if name := description.carrier:
         opener: Any = (ports or {}).get(name)
-        direct = AstbTransport(name, description.transports[name], description.table, opener)
-    return DescribedWiring(rig, description, transports, direct, ports)
+        carrier = AstbTransport(name, description.transports[name], description.table, opener)
+    return DescribedWiring(rig, description, transports, carrier, ports)
 
 
 class DescribedWiring(Outlet):
     """The wiring of ``rig`` by ``description``, over ``transports`` by name, which it closes.
 
-    Signals without a line use ``direct``, the transport that carries signals, if there is one. ``ports`` replace the
+    ``carrier`` is the transport of the signals without a line, if there is one. ``ports`` replace the
     described ports of its transports. Raises WiringError for a point that a transport lacks or that cannot be
     written.
     """
@@ -87,11 +86,11 @@ class DescribedWiring(Outlet):
         rig: str,
         description: Description,
         transports: Mapping[str, Transport],
-        direct: Direct | None = None,
+        carrier: AstbTransport | None = None,
         ports: Ports | None = None,
     ) -> None:
         self.rig, self.table = rig, description.table
-        self.direct: Direct = direct or NullTransport(rig)
+        self.carrier = carrier
         self._carried, self._ports = description.carried, ports
         self._description, self._transports = description, dict(transports)
         self._points = Points(self._transports)
@@ -99,12 +98,9 @@ class DescribedWiring(Outlet):
             self._points.require(key, point, writable=written)
         self.absent: Mapping[str, str] = description.absent
         can = description.capabilities
+        own = Capabilities() if carrier is None else carrier.capabilities
         self.capabilities: Capabilities = replace(
-            self.direct.capabilities,
-            generator=can.generator,
-            pace={**self.direct.capabilities.pace, **can.pace},
-            latency=can.latency,
-            notes=can.notes,
+            own, generator=can.generator, pace={**own.pace, **can.pace}, latency=can.latency, notes=can.notes
         )
         self.sequences: Sequences = description.sequences
         self.played: Collection[str] = description.played
@@ -130,12 +126,17 @@ class DescribedWiring(Outlet):
     def outlet(self) -> Outlet:
         """The receiver of set-points: the transport that runs the cycle itself if it takes all of them, else `send`."""
         alone = not self._description.setpoints and self._player is None
-        return (alone and self.direct.outlet) or self
+        return self.carrier.outlet if alone and self.carrier else self
 
     @property
     def failure(self) -> BenchError | None:
         """Why commands have no effect."""
-        return self._failure or self.direct.failure
+        return self._failure or (self.carrier.failure if self.carrier else None)
+
+    @property
+    def _carrier(self) -> AstbTransport:
+        assert self.carrier is not None, "no signal is carried without it"
+        return self.carrier
 
     # -- connection ----------------------------------------------------------------------------------------------
 
@@ -150,8 +151,9 @@ class DescribedWiring(Outlet):
                 lost(f"{name}: {reason}" if name else reason)
 
         try:
-            self.direct.connect(clock, partial(on_lost, ""))
-            self._agree()
+            if self.carrier is not None:
+                self.carrier.connect(clock, partial(on_lost, ""))
+                self._agree(self.carrier)
             for name, transport in self._transports.items():
                 left = max(deadline - clock.now(), 0) / NS
                 transport.connect(clock, partial(on_lost, name), within=left)
@@ -161,7 +163,8 @@ class DescribedWiring(Outlet):
                 self.begin()
             self._say(self._description.greetings.open)
             self.given = {**self.given, **self._read_given(clock, deadline)}
-            self.direct.subscribe(self._watching(receive), self.table.index.keys() - self._carried)
+            if self.carrier is not None:
+                self.carrier.subscribe(self._watching(receive), self.table.index.keys() - self._carried)
             for name, transport in self._transports.items():
                 transport.subscribe(partial(self._receive_points, f"{name}."))
             self._points.await_news(self.rig, clock, deadline, within)
@@ -171,16 +174,16 @@ class DescribedWiring(Outlet):
             self.close()
             raise
 
-    def _agree(self) -> None:
+    def _agree(self, carrier: AstbTransport) -> None:
         """Mark signals that the rig's own table lacks as missing, with the reason."""
-        self.given = self.direct.given
-        lacking = {name: why for name, why in self.direct.absent.items() if name in self._carried}
+        self.given = carrier.given
+        lacking = {name: why for name, why in carrier.absent.items() if name in self._carried}
         if lacking:
             self._carried -= lacking.keys()
             self.absent = {**self.absent, **lacking}
             self.freshness[[self.table.index[name] for name in lacking]] = 0
-        if self.direct.differs:
-            notes = {**self.capabilities.notes, "identity": self.direct.differs}
+        if carrier.differs:
+            notes = {**self.capabilities.notes, "identity": carrier.differs}
             self.capabilities = replace(self.capabilities, notes=notes)
 
     def _watching(self, receive: OnSamples) -> OnSamples:
@@ -209,7 +212,8 @@ class DescribedWiring(Outlet):
                 self._say(self._description.greetings.close)
         for transport in reversed(self._transports.values()):
             transport.close()
-        self.direct.close()
+        if self.carrier is not None:
+            self.carrier.close()
 
     def _read_given(self, clock: Clock, deadline: int) -> dict[str, float]:
         targets = {name: one for name, one in self._description.setpoints.items() if one.given}
@@ -264,7 +268,7 @@ class DescribedWiring(Outlet):
 
     @property
     def commanded(self) -> bool:
-        return self._streaming.commanded or self.direct.commands
+        return self._streaming.commanded or (self.carrier is not None and self.carrier.commands)
 
     def begin(self) -> None:
         if self._clock is not None:
@@ -280,32 +284,40 @@ class DescribedWiring(Outlet):
                 self._publish_player(time)
         active = self._active or "rig.state" not in {*self._description.sources, *self._carried}
         self._failure = self._failure or self._streaming.send(values, offsets, time, active=active)
-        if self.direct.outlet is not None:
+        if self.carrier is not None:
             for row, offset in offsets.items():
                 signal = self.table.signals[row]
                 values[row] = min(max(values[row] + offset, signal.low), signal.high)
-            self.direct.outlet.send(values, time)
+            self.carrier.outlet.send(values, time)
 
     def is_own(self, port: int, token: float) -> bool:
-        return self.direct.is_own(port, token)
+        return self.carrier is not None and self.carrier.is_own(port, token)
 
     def silent(self) -> AbstractContextManager[None]:
-        return self.direct.silent()
+        if self.carrier is None:
+            raise NotAvailable(
+                f"the wiring of {self.rig} does not state that the rig detects a silent commander "
+                "(capability watchdog)"
+            )
+        return self.carrier.silent()
 
     def read_file(self, file: int, record: int, count: int) -> list[int]:
-        return self.direct.read_file(file, record, count)
+        if self.carrier is None:
+            raise NotAvailable(f"{self.rig}: its wiring has no access to files of the rig")
+        return self.carrier.read_file(file, record, count)
 
     def identity(self) -> str:
         """Return the points, or the table of signals, by which the rig was identified."""
         points = [f"{point} = {value:g}" for point, value in self._description.identity.items()]
-        text = "; ".join(filter(None, (", ".join(points), self.direct.identity())))
+        table = self.carrier.identity() if self.carrier else ""
+        text = "; ".join(filter(None, (", ".join(points), table)))
         return text or "unknown: the wiring has no [identity], so any rig with these points is accepted"
 
     def source(self, name: str) -> str:
         """Return the points of a signal, or its place in the table."""
         told = self._description
         if name in self._carried:
-            return self.direct.source(name)
+            return self._carrier.source(name)
         if name in told.sources:
             return ", ".join(told.sources[name].points)
         if name in told.settings:
@@ -326,8 +338,9 @@ class DescribedWiring(Outlet):
         return {name: remarks for name, remarks in noticed.items() if remarks}
 
     def write(self, values: Mapping[str, float]) -> None:
-        if not self._transports and self._player is None and self._carried.issuperset(values):
-            self.direct.write(values)
+        alone = not self._transports and self._player is None
+        if self.carrier is not None and alone and self._carried.issuperset(values):
+            self.carrier.write(values)
             return
         refuse_absent(self, *values)
         self.begin()
@@ -335,25 +348,25 @@ class DescribedWiring(Outlet):
         self._refuse_under_program(values)
         carried = {name: value for name, value in values.items() if name in self._carried}
         others = {name: value for name, value in values.items() if name not in {*played, *carried}}
-        before = self.direct.read(list(carried)) if carried and others else {}
+        before = self._carrier.read(list(carried)) if carried and others else {}
         if carried:
-            self.direct.write(carried)
+            self._carrier.write(carried)
         try:
             self._settings.write(others, self._clock)
         except (BenchError, ValueError):
             if before:
-                self.direct.write(before)
+                self._carrier.write(before)
             raise
         if played and self._player is not None:
             self._player.write(played)
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
-        if self._carried.issuperset(names):
-            return self.direct.read(names)
+        if self.carrier is not None and self._carried.issuperset(names):
+            return self.carrier.read(names)
         refuse_absent(self, *names)
         content = self._player.state() if self._player is not None else {}
         if carried := [name for name in names if name in self._carried]:
-            content = {**content, **self.direct.read(carried)}
+            content = {**content, **self._carrier.read(carried)}
         sources = {name: self._points_of(name) for name in names if name not in content}
         numbers = self._points.read(point for points in sources.values() for point in points)
         found = {}
@@ -373,7 +386,7 @@ class DescribedWiring(Outlet):
             self._play(name)
             return
         if name in self._carried:
-            self.direct.act(name)
+            self._carrier.act(name)
             return
         point, numbers = self._description.actions[name]
         for number in numbers:
@@ -435,9 +448,9 @@ class DescribedWiring(Outlet):
 
     def _freshness(self) -> Ints:
         limits = np.zeros(len(self.table.signals), np.int64)
-        if (carried := self.direct.freshness) is not None:
+        if self.carrier is not None:
             rows = [self.table.index[name] for name in self._carried]
-            limits[rows] = carried[rows]
+            limits[rows] = self.carrier.freshness[rows]
         for name, limit in self._sources.limits.items():
             limits[self.table.index[name]] = limit
         if self._player is not None:

@@ -92,7 +92,7 @@ class _Reader:
 
     def read(self) -> Description:
         keys, head = self._keys, self._head
-        direct = self._direct()
+        carrier = self._carrier()
         with AllAtOnce() as wrong:
             entries: dict[str, tuple[str, Any]] = {}
             with wrong.next():
@@ -109,7 +109,7 @@ class _Reader:
                 if signal.name not in entries and not (player and signal.name.startswith(PLAYED))
             ]
             # A transport of ours carries the signals of our own wires that have no line.
-            carried = [name for name in unsaid if direct and self._table[name].kind is not Kind.FURTHER]
+            carried = [name for name in unsaid if carrier and self._table[name].kind is not Kind.FURTHER]
             unmentioned = [name for name in unsaid if name not in carried]
             self._absent = dict.fromkeys(unmentioned, _NOT_MENTIONED) | self._absent
             with wrong.next():
@@ -147,11 +147,11 @@ class _Reader:
             self._actions,
             self._absent,
             tuple(self.points),
-            direct,
+            carrier,
             frozenset(carried),
         )
 
-    def _direct(self) -> str:
+    def _carrier(self) -> str:
         """Return the name of the transport for all signals without a line; "" if there is none."""
         transports = self._keys.transports
         if not transports:

@@ -104,7 +104,7 @@ class Description:
     actions: Mapping[str, tuple[str, tuple[float, ...]]]  #: point, and the values written to it in order
     absent: Mapping[str, str]
     points: tuple[tuple[str, str, bool], ...]  #: every named point: its key, its name, whether it is written
-    direct: str = ""  #: the transport of kind astb, if there is one
+    carrier: str = ""  #: the transport of kind astb, if there is one
     carried: frozenset[str] = frozenset()  #: the signals that it carries: all without a line
 
     @cached_property

@@ -17,15 +17,15 @@ def memory():
 
 def away(memory, bench, seconds):
     """Let nothing of a commander arrive for a while, as if his process was stopped: his connections stand."""
-    can, modbus = bench.wiring.direct.can, bench.wiring.direct.modbus
+    can, modbus = bench.wiring.carrier.can, bench.wiring.carrier.modbus
     send, answer = can._send, modbus._client._answer
     can._send, modbus._client._answer = (lambda block: None), (lambda request: b"")
     bench.commander.stop()
-    bench.wiring.direct.watchdog.stop()
+    bench.wiring.carrier.watchdog.stop()
     memory.clock.sleep_until(memory.clock.now() + round(seconds * NS))
     can._send, modbus._client._answer = send, answer
     bench.commander.start()
-    bench.wiring.direct.watchdog.start(memory.clock)
+    bench.wiring.carrier.watchdog.start(memory.clock)
 
 
 @pytest.mark.parametrize("taken", [False, True], ids=["nobody's", "somebody else's"])

@@ -111,7 +111,7 @@ def test_a_plan_runs_over_a_bad_link(make_world, seed):
             bench.wait(0.02)
             assert bench.left.height == pytest.approx(17 * mm)
             assert bench.rig.state == "ACTIVE"
-        tally = bench.wiring.direct.tally()
+        tally = bench.wiring.carrier.tally()
         sent = tally["accepted"] + tally["lost"]
         assert 0.03 < tally["lost"] / sent < 0.07
         assert tally["repeated"] > 0

@@ -92,7 +92,7 @@ def test_an_empty_write_sends_no_frame(world):
 
 def test_a_block_is_read_as_one_snapshot(world):
     world.peer.values["left.height"] = 12 * mm
-    snapshot = world.bench.wiring.direct.registers.snapshot()
+    snapshot = world.bench.wiring.carrier.registers.snapshot()
     assert snapshot["left.height"] == pytest.approx(12 * mm)
     assert set(snapshot) == {r.name for r in TABLE.of_kind(Kind.MEASUREMENT, Kind.STATUS)} & {
         r.signal for r in TABLE.registers if r.space == "input"
@@ -111,10 +111,10 @@ def test_a_block_torn_by_a_new_step_is_read_again_and_not_for_ever(world, monkey
         return words
 
     monkeypatch.setattr(peer, "read_input", tearing)
-    assert world.bench.wiring.direct.registers.snapshot()["left.height"] == 0
+    assert world.bench.wiring.carrier.registers.snapshot()["left.height"] == 0
     torn[0] = 1000
     with refuses(LinkLost, "20 reads"):
-        world.bench.wiring.direct.registers.snapshot()
+        world.bench.wiring.carrier.registers.snapshot()
     assert torn[0] == 1000 - 2 * 20  # two blocks each
 
 

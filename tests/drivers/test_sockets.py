@@ -72,7 +72,7 @@ def test_no_frame_is_lost_while_the_plan_computes(live):
     steps = np.diff(times)
     # On a busy machine, a frame that arrives sooner than all before corrects the offset of the stamps once.
     assert steps.max() == 5_000_000 and (steps < 5_000_000).sum() <= 1
-    assert bench.wiring.direct.tally()["lost"] == 0
+    assert bench.wiring.carrier.tally()["lost"] == 0
     bench.vertical.preload(1 * kN, 2 * kN, rate=20 * kN)
     assert bench.vertical_right.force == pytest.approx(2 * kN, abs=0.5 * kN)
     assert peer.state == "ACTIVE"

@@ -69,7 +69,7 @@ def test_a_spring_is_lifted_filled_loaded_shaken_and_emptied(pair):
     bench.air.vent(within=3 * minutes)
     bench.disarm()
     assert bench.rig.state == "DISABLED"
-    assert bench.wiring.direct.tally()["lost"] == bench.wiring.direct.tally()["repeated"] == 0
+    assert bench.wiring.carrier.tally()["lost"] == bench.wiring.carrier.tally()["repeated"] == 0
     assert bench.rig.rejected_commands == 0
 
 

@@ -59,7 +59,7 @@ def test_the_pressures_are_those_of_the_rig():
 
 
 def test_power_that_cannot_come_on_names_the_mains(bench):
-    rig = bench.wiring.direct.can._memory.rig
+    rig = bench.wiring.carrier.can._memory.rig
     rig.set_mains(there=False)
     wait(bench, 0.1)
     with refuses(Refused, "switch"):
@@ -69,7 +69,7 @@ def test_power_that_cannot_come_on_names_the_mains(bench):
 
 
 def test_shims_that_cannot_be_changed_name_what_holds_the_bolster(bench):
-    rig = bench.wiring.direct.can._memory.rig
+    rig = bench.wiring.carrier.can._memory.rig
 
     def refusal(setting="nominal_preload", value=145 * kN):
         with pytest.raises(Refused) as caught:

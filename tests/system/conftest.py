@@ -188,7 +188,7 @@ class LiveSite(Site):
 
     def close_others(self) -> None:
         """Close what a test that failed has left open: each ear costs the next tests time."""
-        kept = [] if self._shared is None else [self._shared.wiring.direct.can]
+        kept = [] if self._shared is None else [self._shared.wiring.carrier.can]
         for port in self._opened:
             if port not in kept:
                 port.close()

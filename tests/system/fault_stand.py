@@ -71,7 +71,7 @@ class FaultRig:
             self.bench.wait(20 * s)  # the compressed gas cools down
 
     def tally(self, what: str) -> int:
-        return self.bench.wiring.direct.tally()[what]
+        return self.bench.wiring.carrier.tally()[what]
 
 
 def seen(function: Callable[[FaultRig], None]) -> Callable[[FaultRig], None]:

@@ -161,7 +161,7 @@ def test_the_bench_holds_when_the_guarded_heartbeat_of_its_commander_stops(node,
             (0x1016, 1, struct.pack("<I", 0x7F << 16 | 400)),
         ):
             head = struct.pack("<BHB", 0x23 | (4 - len(data)) << 2, index, sub)
-            bench.wiring.direct.can.send(frame(0x601, head + data.ljust(4, b"\0")))
+            bench.wiring.carrier.can.send(frame(0x601, head + data.ljust(4, b"\0")))
             bench.wait(0.05)
         beating = network.send_periodic(0x77F, b"\x05", 0.05)
         bench.wait(0.8)

@@ -248,7 +248,7 @@ def test_a_burst_reaches_all_clients_in_order(site, armed):
     numbers = [int.from_bytes(bytes(f["data"]), "big") for f in frames[frames["id"] == 0x700]]
     assert numbers == list(range(len(numbered)))
     assert armed.rig.state == "ACTIVE"
-    tally = armed.wiring.direct.tally()
+    tally = armed.wiring.carrier.tally()
     assert tally["unknown"] >= len(numbered)
     assert tally["lost"] == 0
 
@@ -256,15 +256,15 @@ def test_a_burst_reaches_all_clients_in_order(site, armed):
 def test_a_setting_out_of_range_has_no_effect(site, armed):
     """Straight into the registers, past the drivers' own checks."""
     register = next(r for r in TABLE.registers if r.signal == "air.left_target" and r.space == "holding")
-    before = armed.wiring.direct.modbus.read_holding(register.address, 2)
+    before = armed.wiring.carrier.modbus.read_holding(register.address, 2)
     words = np.array([15 * bar], ">f4").view(">u2").tolist()
     with pytest.raises(Refused) as refused:
-        armed.wiring.direct.modbus.write_registers(register.address, words)
+        armed.wiring.carrier.modbus.write_registers(register.address, words)
     assert refused.value.code == 3
     with pytest.raises(Refused) as refused:
-        armed.wiring.direct.modbus.write_registers(register.address, words[:1])
+        armed.wiring.carrier.modbus.write_registers(register.address, words[:1])
     assert refused.value.code == 3, "half of a 32-bit value"
-    assert armed.wiring.direct.modbus.read_holding(register.address, 2) == before
+    assert armed.wiring.carrier.modbus.read_holding(register.address, 2) == before
     with refuses(ValueError, "air.left_target 15 bar 0 9 bar"):
         armed.air.left_target = 15 * bar
 
@@ -284,7 +284,7 @@ def test_arming_and_disarming_walk_through_the_states(site, bench):
     assert states[states.index("DISABLED") :] == [*up, "HOLD", "AIR_HIGH", "DISABLED"]
     assert bench.rig.reason == "disabled by the commander"
     assert bench.rig.rejected_commands == rejected
-    assert bench.wiring.direct.tally()["lost"] == bench.wiring.direct.tally()["repeated"] == 0
+    assert bench.wiring.carrier.tally()["lost"] == bench.wiring.carrier.tally()["repeated"] == 0
 
 
 def test_a_commander_that_vanishes_leaves_the_bench_in_hold(site, bench):
@@ -293,8 +293,8 @@ def test_a_commander_that_vanishes_leaves_the_bench_in_hold(site, bench):
     with site.listening() as received:
         site.wait(100 * ms)
         bench.commander.stop()
-        bench.wiring.direct.can.close()
-        bench.wiring.direct.modbus.close()
+        bench.wiring.carrier.can.close()
+        bench.wiring.carrier.modbus.close()
         site.wait(300 * ms)
     last, emergency = received.positions("Control")[-1], received.positions("Emergency")
     assert received.states()[:2] == ["ACTIVE", "FAULT_HOLD"]
@@ -309,7 +309,7 @@ def test_a_closed_modbus_connection_of_the_commander_holds_at_once(site, bench):
     bench.arm()
     with site.listening() as received:
         site.wait(60 * ms)
-        bench.wiring.direct.modbus.close()
+        bench.wiring.carrier.modbus.close()
         site.wait(60 * ms)
     assert bench.rig.reason == "commander disconnected"
     assert received.states() == ["ACTIVE", "FAULT_HOLD"]
@@ -318,7 +318,7 @@ def test_a_closed_modbus_connection_of_the_commander_holds_at_once(site, bench):
 def test_there_is_one_commander(site, bench):
     bench.arm()
     second = site.bench()
-    token = bench.wiring.direct.registers.holder()
+    token = bench.wiring.carrier.registers.holder()
     with pytest.raises(NotCommander, match=f"token {token}"):
         second.connect()
     intruder = site.modbus()
@@ -338,7 +338,7 @@ def test_there_is_one_commander(site, bench):
     assert bench.rig.state == "ACTIVE", "that the second one left is no news"
     bench.close()
     with site.bench() as successor:
-        assert successor.wiring.direct.registers.holder() not in (0, token)
+        assert successor.wiring.carrier.registers.holder() not in (0, token)
 
 
 def test_only_received_bytes_are_read(site):
@@ -348,7 +348,7 @@ def test_only_received_bytes_are_read(site):
     assert bench.rig.state == "unknown"
     bench.connect()
     assert not math.isnan(bench.left.height)
-    bench.wiring.direct.can.close()
+    bench.wiring.carrier.can.close()
     site.wait(150 * ms)
     assert math.isnan(bench.left.height)
     assert bench.sample("left.height").quality == "stale"

@@ -30,10 +30,10 @@ def test_a_fault_does_what_its_page_says_and_is_gone_afterwards(name: str) -> No
     assert stand.order(do="list")["on"] == []
     # A new commander finds a sound bench, and its parameters are the old ones to the bit.
     assert stand.rig.plant.parameter_array.tobytes() == parameters
-    stand.bench.wiring.direct.can.lose("the commander is gone")
+    stand.bench.wiring.carrier.can.lose("the commander is gone")
     stand.bench.commander.stop()
-    stand.bench.wiring.direct.watchdog.stop()
-    stand.rig.lease.peer_lost(stand.bench.wiring.direct.modbus.name)
+    stand.bench.wiring.carrier.watchdog.stop()
+    stand.rig.lease.peer_lost(stand.bench.wiring.carrier.modbus.name)
     with stand.memory.bench() as bench:
         bench.arm()
         bench.wait(1 * s)

@@ -61,7 +61,7 @@ def test_procedures_work_through_a_bad_link(site, through):
     assert bench.average("lateral.displacement", over=200 * ms) == pytest.approx(4 * mm, abs=0.2 * mm)
     bench.disarm()
     assert bench.rig.state == "DISABLED"
-    tally = bench.wiring.direct.tally()
+    tally = bench.wiring.carrier.tally()
     assert tally["lost"] > 0
     assert tally["repeated"] > 0
 
@@ -81,13 +81,13 @@ def test_the_rig_holds_when_most_commands_are_lost(site, through):
     bench = through(Faults())
     bench.arm()
     bench.lateral.move_to(2 * mm, rate=20 * mm / s)
-    bench.wiring.direct.can._outward._faults = Faults(lose=0.9)
+    bench.wiring.carrier.can._outward._faults = Faults(lose=0.9)
     with refuses(RigFault, "reason"):
         bench.wait(3 * s)
     with bench.despite_faults():  # the fault may be seen in the one tick of FAULT_REACTION
         bench.wait_for(lambda: bench.rig.state in ("FAULT_HOLD", "FAULT_DISABLED"), within=200 * ms)
     assert bench.emergency.code == 0x8130
-    bench.wiring.direct.can._outward._faults = Faults()
+    bench.wiring.carrier.can._outward._faults = Faults()
     bench.arm()
     assert bench.rig.state == "ACTIVE"
 

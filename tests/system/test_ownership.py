@@ -163,7 +163,7 @@ def from_another_address(target: int, port: int) -> socket.socket:
 @on_tcp
 def test_the_commanders_port_at_another_address_has_no_effect(site, armed):
     """It connects and closes, and it sends what would move the platform, with the token that all can read."""
-    ports = armed.wiring.direct
+    ports = armed.wiring.carrier
     (can_port,), (modbus_port,) = ports.can.local_ports, ports.modbus.local_ports
     from_another_address(site.rig.can_port, can_port).close()
     from_another_address(site.rig.modbus_port, modbus_port).close()

@@ -204,7 +204,7 @@ def test_what_is_absent_stale_or_closed_is_shown_as_that(bench):
     assert "auxiliary_temperature: absent (no thermometer fitted)" in repr(bench.left)
     assert "reason: absent (not told)" in repr(bench.rig)
     bench.wiring.absent = {}
-    bench.wiring.direct.can.lose("cut")
+    bench.wiring.carrier.can.lose("cut")
     bench.clock.sleep_until(bench.clock.now() + 10**9)
     assert re.search(r"height: stale for 1 s", repr(bench.left))
     assert math.isnan(bench.left.height)

@@ -20,10 +20,10 @@ def test_a_faster_rig_is_the_same_on_its_wires(start_rig, monkeypatch, tmp_path,
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     site = LiveSite("tcp", start_rig(*ANYWHERE, "--tick-rate", str(rate)))
     with site.bench() as bench:
-        before = bench.wiring.direct.registers.snapshot()
+        before = bench.wiring.carrier.registers.snapshot()
         with bench.capture("left.height") as capture:
             bench.wait(2 * s)
-        after = bench.wiring.direct.registers.snapshot()
+        after = bench.wiring.carrier.registers.snapshot()
         samples = len(capture.values("left.height"))
         assert samples == pytest.approx(400, abs=20), "200 a second, whatever the tick"
         assert after["rig.tick"] - before["rig.tick"] == pytest.approx(2 * rate, rel=0.1)

@@ -55,7 +55,7 @@ class VirtualCuts:
         self._witness.start(clock.now())
         if kind in (KILLED, STOPPED):
             bench.commander.stop()
-            bench.wiring.direct.watchdog.stop()
+            bench.wiring.carrier.watchdog.stop()
         if kind in (KILLED, CAN_CLOSED, BOTH_CLOSED):
             can.close()
         if kind in (KILLED, MODBUS_CLOSED, BOTH_CLOSED):
@@ -63,7 +63,7 @@ class VirtualCuts:
         if kind == CAN_HOLE:
             memory.bus.add(hole)
         if kind == MODBUS_HOLE:
-            bench.wiring.direct.watchdog.stop()
+            bench.wiring.carrier.watchdog.stop()
         if kind == ESTOP:
             memory.rig.press_estop()
         if kind == POWER:
@@ -76,7 +76,7 @@ class VirtualCuts:
         if kind == CAN_HOLE:
             memory.bus.remove(hole)
         bench.commander.stop()
-        bench.wiring.direct.watchdog.stop()
+        bench.wiring.carrier.watchdog.stop()
         can.close()
         modbus.close()
         memory.rig.release_estop()

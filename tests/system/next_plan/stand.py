@@ -105,7 +105,7 @@ def lost(loss: Loss, plan: str, seed: int, within: tuple[float, float]) -> tuple
                 first.mute()
         first.over = True
         first.bench.commander.stop()
-        first.bench.wiring.direct.watchdog.stop()
+        first.bench.wiring.carrier.watchdog.stop()
         if "SIGSTOP" not in loss.name:
             with suppress(BenchError, KeyboardInterrupt):
                 first.bench.close()
@@ -142,7 +142,7 @@ class FaultRig:
                     return execute(plan, bench, folder).reason
                 finally:
                     bench.commander.stop()
-                    bench.wiring.direct.watchdog.stop()
+                    bench.wiring.carrier.watchdog.stop()
         except Reached:
             return ""
         except BenchError as error:  # the message of `astb run` without a connection

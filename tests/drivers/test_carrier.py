@@ -48,9 +48,9 @@ class RigWithBox:
         self.box.react = self.apply
         self.refuses = False
         can, modbus = self.memory.can(), self.memory.modbus()
-        direct = AstbTransport("rig", RIG, TABLE, lambda: (can, modbus))
+        carrier = AstbTransport("rig", RIG, TABLE, lambda: (can, modbus))
         told = described(LINES, box={"kind": "box.py:make"})
-        self.wiring = DescribedWiring("the rig", told, {"box": self.box}, direct)
+        self.wiring = DescribedWiring("the rig", told, {"box": self.box}, carrier)
 
     def apply(self, point: str, number: float) -> None:
         if point == "target" and not self.refuses:
