@@ -4,6 +4,7 @@ import io
 from typing import Final, TextIO
 
 from bench_protocol import canopen
+from bench_protocol.messages import Message
 from bench_protocol.object_dictionary import (
     INTERLOCK_OBJECTS,
     OBJECT_DICTIONARY,
@@ -80,16 +81,21 @@ def _is_of_a_pdo(one: DictionaryObject) -> bool:
 
 def _print_plan(out: TextIO) -> None:
     print("## Identifiers\n", file=out)
-    print("| COB-ID | service | parameters | |\n|---|---|---|---|", file=out)
+    print("| COB-ID | service | |\n|---|---|---|", file=out)
     for identifier, name, text in _SERVICES:
-        print(f"| {identifier:03X}h | {name} | | {text} |", file=out)
-    for message in sorted(TABLE.messages, key=lambda one: one.identifier):
-        if canopen.is_pdo(message):
-            number = canopen.pdo_number(message)
-            base = TPDO_PARAMETERS if message.from_rig else RPDO_PARAMETERS
-            kind = "TPDO" if message.from_rig else "RPDO"
-            places = f"{base + number - 1:04X}h, {base + 0x200 + number - 1:04X}h"
-            print(f"| {message.identifier:03X}h | {kind} {number} | {places} | `{message.name}` |", file=out)
+        print(f"| {identifier:03X}h | {name} | {text} |", file=out)
+    print(
+        "\nThe table lists the PDOs with their messages. A PDO with the number n has its communication parameters at\n"
+        f"{TPDO_PARAMETERS:X}h (TPDO) or {RPDO_PARAMETERS:X}h (RPDO) + n - 1. Its mapping is 200h higher.\n\n"
+        "| COB-ID | numbers | messages |\n|---|---|---|",
+        file=out,
+    )
+    for rows in _blocks():
+        first, last = rows[0], rows[-1]
+        kind = "TPDO" if first.from_rig else "RPDO"
+        numbers = f"{kind} {canopen.pdo_number(first)} to {canopen.pdo_number(last)}"
+        names = ", ".join(f"`{one.name}`" for one in rows)
+        print(f"| {first.identifier:03X}h to {last.identifier:03X}h | {numbers} | {names} |", file=out)
     print(
         "\nMost of these identifiers belong to other nodes in the predefined connection set. A scan by identifiers\n"
         "finds nodes that do not exist. Read the communication parameters instead. The mapping is fixed. A TPDO\n"
@@ -99,19 +105,32 @@ def _print_plan(out: TextIO) -> None:
     )
 
 
+def _blocks() -> list[list[Message]]:
+    """Return the PDOs in blocks with successive identifiers."""
+    blocks: list[list[Message]] = []
+    for message in sorted(filter(canopen.is_pdo, TABLE.messages), key=lambda one: one.identifier):
+        if not blocks or message.identifier != blocks[-1][-1].identifier + 1:
+            blocks.append([])
+        blocks[-1].append(message)
+    return blocks
+
+
 def _print_objects(out: TextIO, objects: list[DictionaryObject]) -> None:
-    print(
-        "| object | name | type | access | default | range, unit | |\n|---|---|---|---|---|---|---|", file=out
-    )
+    print("| object | name | type | access | default | |\n|---|---|---|---|---|---|", file=out)
     for one in objects:
-        if one.code is not ObjectCode.VAR:
-            print(f"| {one.index:04X}h | **{one.name}** | | | | | |", file=out)
-        for entry in one.entries if one.code is ObjectCode.VAR else one.entries[1:]:
-            place = f"{one.index:04X}h" if one.code is ObjectCode.VAR else f"{one.index:04X}h:{entry.sub:X}"
-            name = f"`{entry.name}`" if entry.signal else entry.name
-            default = "" if entry.default is None or entry.signal else _number(entry)
-            row = (place, name, entry.type.name, entry.access, default, _span(entry), entry.description)
-            print(f"| {' | '.join(row)} |", file=out)
+        entries = one.entries if one.code is ObjectCode.VAR else one.entries[1:]
+        alike = (
+            len(entries) > 1
+            and len({(entry.type, entry.default, entry.description) for entry in entries}) == 1
+        )
+        for entry in entries[:1] if alike else entries:
+            place, name = f"{one.index:04X}h", entry.name
+            if one.code is not ObjectCode.VAR:
+                place += f":{entry.sub:X}{f' to {entries[-1].sub:X}' if alike else ''}"
+                name = f"{one.name}{'' if alike else f': {entry.name}'}"
+            default = "" if entry.default is None else _number(entry)
+            text = ", ".join(filter(None, (_span(entry), entry.description)))
+            print(f"| {' | '.join((place, name, entry.type.name, entry.access, default, text))} |", file=out)
     print(file=out)
 
 

@@ -1,9 +1,10 @@
 """The reference page of faults on purpose, written from their declarations."""
 
 import io
+from typing import Final
 
 from bench_sim.rig.faults.catalogue import FAULTS
-from bench_sim.rig.faults.fault import Fault, FaultChoice, FaultPlace
+from bench_sim.rig.faults.fault import Fault, FaultChoice, FaultNumber, FaultPlace
 
 _TITLES = {
     FaultPlace.BUS: "The CAN bus",
@@ -12,6 +13,9 @@ _TITLES = {
     FaultPlace.PLANT: "The plant",
     FaultPlace.RIG: "The rig",
 }
+
+#: A choice of more values is described, not listed.
+_LONG: Final = 8
 
 
 def faults_page() -> str:
@@ -23,9 +27,11 @@ def faults_page() -> str:
         f"These {len(FAULTS)} faults can be [switched on and off](../how-to/simulate-faults.md) while a simulated rig\n"
         "runs. A fault with a target (a sensor, a side, an actuator) can be on for several targets, with the name\n"
         "`FAULT.TARGET`. A seed selects the affected frames and requests, so that a run is repeatable. *Seen* is the\n"
-        "behaviour that a client observes; the tests check it.\n",
+        "behaviour that a client observes; the tests check it. The last line of a fault has parameters that several\n"
+        "faults have, each with its usual value.\n",
         file=out,
     )
+    _print_shared(out)
     for place in FaultPlace:
         print(f"## {_TITLES[place]}\n", file=out)
         for fault in FAULTS.values():
@@ -36,14 +42,44 @@ def faults_page() -> str:
 
 def _print_fault(fault: Fault, out: io.StringIO) -> None:
     print(f"### `{fault.name}`\n\n{fault.title}\n\n*Seen:* {fault.seen}\n", file=out)
-    if fault.parameters:
-        print("| parameter | range | usual | |\n|---|---|---|---|", file=out)
     for one in fault.parameters:
-        span = one.span
-        if isinstance(one, FaultChoice) and len(one.choices) > 8:
-            kind = "CAN message" if one.name == "message" else "measurement"
-            span = f"{'`all` or ' if 'all' in one.choices else ''}the name of a [{kind}](signals.md)"
-        usual = f"`{one.usual}`" if one.usual else ""
-        print(f"| `{one.name}` | {span} | {usual} | {one.text} |", file=out)
+        if one.name not in _shared():
+            usual = f", usually `{one.usual}`" if one.usual else ""
+            print(f"* `{one.name}`: {_span(one)}{usual}: {one.text}", file=out)
+    shared = [
+        f"`{one.name}`{f' (`{one.usual}`)' if one.usual else ''}"
+        for one in fault.parameters
+        if one.name in _shared()
+    ]
+    if shared:
+        print(f"* {', '.join(shared)}", file=out)
     if fault.parameters:
         print(file=out)
+
+
+def _print_shared(out: io.StringIO) -> None:
+    print("| parameter of several faults | range | meaning |\n|---|---|---|", file=out)
+    for name, alike in _shared().items():
+        texts = dict.fromkeys(one.text for one in alike)
+        print(f"| `{name}` | {_span(alike[0])} | {', or '.join(texts)} |", file=out)
+    print(file=out)
+
+
+def _shared() -> dict[str, list[FaultNumber | FaultChoice]]:
+    """Return the parameters that several faults have with the same range, by name."""
+    found: dict[str, list[FaultNumber | FaultChoice]] = {}
+    for fault in FAULTS.values():
+        for one in fault.parameters:
+            found.setdefault(one.name, []).append(one)
+    return {
+        name: alike
+        for name, alike in found.items()
+        if len(alike) > 2 and len({_span(one) for one in alike}) == 1
+    }
+
+
+def _span(one: FaultNumber | FaultChoice) -> str:
+    if isinstance(one, FaultChoice) and len(one.choices) > _LONG:
+        kind = "CAN message" if one.name == "message" else "measurement"
+        return f"{'`all` or ' if 'all' in one.choices else ''}the name of a [{kind}](signals.md)"
+    return one.span
