@@ -231,5 +231,3 @@ def test_the_page_reads_a_report(sound, tmp_path):
     command = [sys.executable, "-W", "ignore", "-c", program]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=30, check=True)
     assert done.stdout == f"{SLOW_RATE:.1f} Hz at the slowest\n"
-    groups = {one.group for one in stand.report.findings} - {"motion"}
-    assert all(f"\n| {group} |" in text for group in groups)
