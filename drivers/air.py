@@ -64,10 +64,9 @@ class Air(Device):
     ) -> None:
         """Vent both springs ``to`` a pressure (Pa gauge), or one side; wait until it is reached.
 
-        Air leaves a bellows only through its auxiliary chamber. Raises Misuse if that is isolated, and BenchTimeout
-        if the pressure stays constant above its target. If the auxiliary chamber, which is connected to the bellows,
-        reads that the target is reached, the transducer of the bellows has a zero error, and the spring counts as
-        vented.
+        Air leaves a bellows only through its auxiliary chamber. Raises Misuse if that is isolated, and BenchTimeout if
+        the pressure stays constant above its target. The spring also counts as vented if its connected auxiliary
+        chamber has reached the target. The transducer of the bellows then has a zero error.
         """
         targets = self._targets("vent", to if left is None and right is None else None, left, right)
         self._order("vent", targets)
@@ -127,8 +126,8 @@ class Air(Device):
     ) -> dict[str, float]:
         if to is not None and not (left is None and right is None):
             raise Misuse(f"air.{verb}: give one pressure for both sides or one per side, not both")
-        wanted = {"left": to if to is not None else left, "right": to if to is not None else right}
-        targets = {side: target for side, target in wanted.items() if target is not None}
+        given = {"left": to if to is not None else left, "right": to if to is not None else right}
+        targets = {side: target for side, target in given.items() if target is not None}
         if not targets:
             raise Misuse(f"air.{verb}: the pressure is missing; add it, such as to=5 * bar")
         settings = self._link.settings.in_force()

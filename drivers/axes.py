@@ -29,7 +29,9 @@ class VerticalActuator(Device):
 
 
 class ControlMode(ChoiceSetting):
-    """The control mode of an axis. Assigning it first sets the set-points to the measured values, to avoid a bump."""
+    """The control mode of an axis. Before a new mode takes effect, the set-points become the measured values. So the
+    axis does not jump.
+    """
 
     def set(self, link: Link, name: str, value: str) -> None:
         axis = name.partition(".")[0]

@@ -136,7 +136,7 @@ class Bench(Link):
             raise
 
     def _introduced(self) -> bool:
-        """Whether the rig has reported its state and, if it has that capability, its signal map."""
+        """Whether the rig has reported its state, and also its signal map if it can report one."""
         return self.state != UNKNOWN and not (
             self.wiring.capabilities.identity and math.isnan(self.readings.value("rig.map_hash"))
         )
@@ -169,8 +169,8 @@ class Bench(Link):
 
     def __repr__(self) -> str:
         code = self.readings.known("rig.state")
-        told = UNKNOWN if math.isnan(code) else self.table["rig.state"].show(code)
-        state = f"state {told}" if self._connected else "not connected"
+        name = UNKNOWN if math.isnan(code) else self.table["rig.state"].show(code)
+        state = f"state {name}" if self._connected else "not connected"
         names = ", ".join(device._name for device in self.devices)
         return f"<{type(self).__name__} on {self.wiring.rig}, {state}: {names}>"
 
@@ -238,8 +238,8 @@ class Bench(Link):
     def silent(self, about: Literal["set-points", "settings"]) -> Iterator[None]:
         """Stop sending inside the block, like a failed commander or a broken cable. The bench counts as disarmed.
 
-        Faults of the rig raise no error inside the block. Raises NotAvailable, without a pause in sending, if the rig
-        is not known to monitor its commander.
+        Faults of the rig raise no error inside the block. Raises NotAvailable, and continues sending, if the rig has no
+        known watchdog for its commander.
         """
         if not self.wiring.capabilities.watchdog:
             raise NotAvailable(
@@ -300,16 +300,16 @@ class Bench(Link):
 
     def _reach(self, states: Collection[str], within: float, orders: Collection[Order] = ()) -> None:
         """Wait for one of ``states``, the target of ``orders``. Raises RigFault if a fault occurs first."""
-        wanted = " or ".join(dict.fromkeys(states))
+        expected = " or ".join(dict.fromkeys(states))
         faults = [state for state in FAULT_STATES if state not in states]
-        self._until(lambda: self.state in (*states, *faults), within, _after(wanted, orders))
+        self._until(lambda: self.state in (*states, *faults), within, _after(expected, orders))
         if self.state not in states:
-            raise RigFault(f"the rig did not reach {wanted}: {self.describe()}")
+            raise RigFault(f"the rig did not reach {expected}: {self.describe()}")
 
 
-def _after(wanted: str, orders: Collection[Order]) -> str:
+def _after(states: str, orders: Collection[Order]) -> str:
     """Return the expected state and the orders sent for it, as text."""
     text = "; ".join(
         ", ".join(f"{name} = {value:g}" for name, value in order.values.items()) for order in orders
     )
-    return f"{wanted} (after {text})" if text else wanted
+    return f"{states} (after {text})" if text else states

@@ -1,4 +1,4 @@
-"""Frames of CAN FD: blocks with room for 64 bytes, for the buses that support them."""
+"""Frames of CAN FD, with up to 64 bytes of data each."""
 
 from dataclasses import dataclass
 from typing import Final

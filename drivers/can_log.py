@@ -26,9 +26,9 @@ _PATIENCE: Final = 60.0  # s, for a slow disk at the end
 class CanLog:
     """Writes every frame that ``port`` receives to ``path`` until it is closed, in its own thread.
 
-    The port must not be used for sending, as a port does not receive its own frames. ``report`` is called at once, in
-    that thread, if writing fails. Raises CanLogError for an unknown ending of the name, or a file that cannot be
-    created.
+    Do not send through this port: it does not receive its own frames, so they would be missing in the file. ``report``
+    is called at once, in that thread, if writing fails. Raises CanLogError for an unknown ending of the name, or a file
+    that cannot be created.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class CanLog:
         port.subscribe(self._waiting.put)
 
     def close(self) -> None:
-        """Leave the bus and finish the file. Raises CanLogError if writing failed in the meantime."""
+        """Leave the bus and finish the file. Raises CanLogError if writing has failed."""
         self._port.close()
         self._waiting.put(None)
         self._thread.join(_PATIENCE)

@@ -133,8 +133,8 @@ class _MessageReceiver:
         messages: list[can.Message] = []
         message = self._bus.recv(timeout)
         while message is not None:
-            wanted = self._fd is not None or not message.is_fd
-            if message.is_rx and wanted and not (message.is_error_frame or message.is_remote_frame):
+            readable = self._fd is not None or not message.is_fd
+            if message.is_rx and readable and not (message.is_error_frame or message.is_remote_frame):
                 messages.append(message)
             if len(messages) >= _BATCH_MAX:
                 break

@@ -4,10 +4,9 @@ A computation in a plan holds the interpreter: one call of a C library can take 
 the rig assumes the loss of its commander. In real time the cycle therefore does not wait for the interpreter: compiled
 code sleeps, moves the set-points, encodes and writes to the socket.
 
-The cycle must stop with the plan. Python therefore grants a number of cycles in advance and renews the grant
-periodically. If the grant is used up, because the interpreter was blocked for that long, nothing more is sent, and the
-rig reacts to the silence. In virtual time, and on buses that only Python can write to, Python makes each block with the
-same codec.
+The cycle must stop when the plan stops. Python therefore permits a number of cycles in advance and renews the
+permission periodically. If the interpreter is blocked for longer, the cycle stops sending, and the rig reacts to the
+silence. In virtual time, and on buses that only Python can write to, Python makes each block with the same codec.
 """
 
 from typing import Any, Final, NamedTuple
@@ -93,7 +92,7 @@ def _hex(text: Any, place: int, number: int, digits: int, ten: int) -> int:
 
 @inlined
 def _write_line(record: Any, text: Any, place: int) -> int:
-    """Write ``< send 204 8 00 11 >``; return the place behind it."""
+    """Write a line such as ``< send 204 8 00 11 >``; return the index after it."""
     for k, character in enumerate((60, 32, 115, 101, 110, 100, 32)):
         text[place + k] = character
     place = _hex(text, place + 7, np.int64(record.id), 8 if record.extended != 0 else 3, 65)
@@ -108,7 +107,7 @@ def _write_line(record: Any, text: Any, place: int) -> int:
 
 @inlined
 def _write_frame(record: Any, text: Any, place: int) -> int:
-    """Write a struct can_frame, little-endian; return the place behind it."""
+    """Write a struct can_frame, little-endian; return the index after it."""
     word = np.int64(record.id) | (_EXTENDED_FLAG if record.extended != 0 else 0)
     for k in range(4):
         text[place + k] = (word >> (8 * k)) & 0xFF

@@ -64,12 +64,12 @@ class Device:
 
     def __repr__(self) -> str:
         """Return the known values without a request to the rig, so that it is fast and raises no error."""
-        told = [line.show(self._link, line.full_name(self)) for line in self.declarations()]
+        values = [line.show(self._link, line.full_name(self)) for line in self.declarations()]
         head = f"<{type(self).__name__} {self._name}"
-        if not told:
+        if not values:
             return f"{head}>"
-        text = f"{head}: {', '.join(told)}>"
-        return text if len(text) <= REPR_WIDTH else "\n    ".join((f"{head}:", *told)) + ">"
+        text = f"{head}: {', '.join(values)}>"
+        return text if len(text) <= REPR_WIDTH else "\n    ".join((f"{head}:", *values)) + ">"
 
 
 def no_such_attribute(thing: object, name: str, called: str) -> AttributeError:
@@ -138,7 +138,7 @@ class Declaration(Generic[T]):
         return link.settings.known(name)
 
     def unknown(self, link: Link, name: str) -> str:
-        """Return as text why the value is not known."""
+        """Return as text the reason for a missing value."""
         return "not read yet"
 
     def get(self, link: Link, name: str) -> T:

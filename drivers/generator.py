@@ -97,7 +97,7 @@ class Generator(Device):
     def run_together(self, *waves: Wave, margin: float = MARGIN) -> None:
         """Move several axes at once, on one time base, and wait for the end of the last wave.
 
-        Waves of one axis add up. All errors, of single waves and of their sum, are raised before the motion. A stop
+        Waves of one axis add up. Errors of single waves, and of their sum, are raised before the motion. A stop
         of one wave stops all.
         """
         self.start_together(*waves)
@@ -135,12 +135,12 @@ class Generator(Device):
         """Write the settings of ``wave``. Raises Misuse unless its amplitude fits the present control mode of its
         axis.
         """
-        wanted = self._wanted_amplitude(wave.axis)
-        if list(wave.amplitudes) != [wanted]:
+        amplitude = self._amplitude_name(wave.axis)
+        if list(wave.amplitudes) != [amplitude]:
             got = ", ".join(wave.amplitudes) or "none"
             raise Misuse(
                 f"generator on {wave.axis}: the given amplitude is {got}, but the present control mode "
-                f"of the axis needs {wanted}"
+                f"of the axis needs {amplitude}"
             )
         settings: dict[str, float | str] = {
             "axis": wave.axis,
@@ -173,8 +173,8 @@ class Generator(Device):
         try:
             link.settings.act("action.program_stop")
         except Refused:
-            told = link.settings.reading("rig.program")  # polled, because the latest sample may be old
-            if PROGRAM_STATES[int(told)] in ("RUN", "HOLD"):
+            program = link.settings.reading("rig.program")  # polled, because the latest sample may be old
+            if PROGRAM_STATES[int(program)] in ("RUN", "HOLD"):
                 raise
             return
         link.wait_for_status("rig.program", ENDED, within, "stop of the generator")
@@ -182,7 +182,7 @@ class Generator(Device):
     def _program(self) -> str:
         return self._link.readings.choice("rig.program")
 
-    def _wanted_amplitude(self, axis: str) -> str:
+    def _amplitude_name(self, axis: str) -> str:
         if axis == "platform_roll":
             return "roll_amplitude"
         if axis.startswith("platform"):

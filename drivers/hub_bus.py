@@ -1,8 +1,9 @@
 """``astb-hub``: a python-can bus on a socketcand server that detects the loss of the server and loses no frame.
 
 python-can has a client for the same protocol (``socketcand``). That client has five defects. It cannot open on a busy
-bus. At full load it receives "nothing" for ever after the server has died. It fails on empty frames, corrupts remote
-frames, and needs ten seconds to detect a missing server. Any tool built on python-can can use this bus::
+bus. At full load it does not detect the end of the server, and receives nothing from then on. It fails on empty frames,
+corrupts remote frames, and needs ten seconds to detect a missing server. Any tool built on python-can can use this
+bus::
 
     can.Bus(interface="astb-hub", channel="vcan0", host="127.0.0.1", port=29536, ignore_config=True)
 """

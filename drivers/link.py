@@ -99,7 +99,9 @@ class Link:
         for name in dict.fromkeys(names):
             if self.table[name].name in absent:
                 missing.setdefault(absent[name], []).append(name)
-        return "; ".join(f"{self.wiring.rig} has no {', '.join(n)}: {why}" for why, n in missing.items())
+        return "; ".join(
+            f"{self.wiring.rig} has no {', '.join(n)}: {reason}" for reason, n in missing.items()
+        )
 
     def describe(self) -> str:
         """Return the rig's state as text, with its reason and the limit that tripped first."""
@@ -157,7 +159,7 @@ class Link:
         return self.clock.now() / NS
 
     def wait(self, duration: float) -> None:
-        """Wait ``duration`` s. Raises RigFault or LinkLost as soon as the rig or the link fails."""
+        """Wait ``duration`` s. Raises RigFault or LinkLost at once if the rig or the link fails."""
         deadline = self.clock.now() + _nanoseconds("duration", duration)
         self.check()
         while (now := self.clock.now()) < deadline:
@@ -187,8 +189,8 @@ class Link:
     ) -> None:
         """Wait until ``condition()`` has been true for ``steady`` s. It is evaluated every 20 ms.
 
-        It is known to be false for ``not_before`` s, which saves evaluations. Raises BenchTimeout after ``within`` s,
-        with the name of the condition and the readings. RigFault and LinkLost are raised at once.
+        It is not evaluated during the first ``not_before`` s, in which it cannot become true. Raises BenchTimeout after
+        ``within`` s, with the name of the condition and the readings. RigFault and LinkLost are raised at once.
         """
         self._until(condition, within, what, steady=steady, not_before=not_before)
 
@@ -203,8 +205,8 @@ class Link:
     ) -> dict[str, float]:
         """Wait until the means over ``over`` s change by no more than ``band`` (SI) three times in a row; return them.
 
-        Once is not enough, because a signal is steady for a moment where it reverses. An example is gas that was heated
-        by filling and then cools. Raises BenchTimeout after ``within`` s, with the signals that still changed.
+        Three times, because a signal is also steady for a moment when it reverses: gas heats during filling, then
+        cools. Raises BenchTimeout after ``within`` s, with the signals that still changed.
         """
         deadline = self.clock.now() + _nanoseconds("within", within)
         means, stood = self.averages(*names, over=over), 0
@@ -346,14 +348,14 @@ class Link:
             else:
                 since = -1
             if now >= deadline:
-                raise error(self._why(condition, within, what))
+                raise error(self._reason(condition, within, what))
             cycle = min(deadline, now + self._to_cycle(now))
             self.clock.rest_until(cycle, max(cycle, not_before_ns))
 
-    def _why(self, condition: Callable[[], bool], within: float, what: str) -> str:
-        with self.readings.watched() as seen:
+    def _reason(self, condition: Callable[[], bool], within: float, what: str) -> str:
+        with self.readings.watched() as names:
             condition()
-        shown = [self.readings.show(name) for name in list(seen)[:SHOWN_MAX]]
+        shown = [self.readings.show(name) for name in list(names)[:SHOWN_MAX]]
         now = f"now {', '.join(shown)}" if shown else ""
         rejected = self.rejected()
         known = [now, "" if rejected in what else rejected]

@@ -115,10 +115,10 @@ class SharedClient:
     def _check(self, reply: ModbusPDU) -> None:
         """Raise ModbusException for a reply to another request."""
         pdu = self._request[7 if self._framed else 1 :]
-        asked = pdu[0]
-        if reply.function_code & 0x7F != asked:
+        function = pdu[0]
+        if reply.function_code & 0x7F != function:
             raise ModbusException("another function")
-        echoes = self.unnumbered and asked in _WRITING and not reply.isError()
+        echoes = self.unnumbered and function in _WRITING and not reply.isError()
         if echoes and getattr(reply, "address", None) != int.from_bytes(pdu[1:3], "big"):
             raise ModbusException("another address")
 
@@ -128,7 +128,7 @@ class SharedClient:
             self.hang_up()
             return
         self._lost = self._lost or self._sent
-        # Received bytes were most likely the answer, but damaged.
+        # Received bytes were probably a damaged answer.
         wait = self._gap() if self._came else _SILENT * self._timeout()
         start = self._clock.now() if self._came else self._sent
         self._silent_until = start + round(wait * NS)
@@ -143,7 +143,7 @@ class SharedClient:
         return True
 
     def _read_empty(self, within: float) -> None:
-        """Discard input for ``within`` s, then until the line is silent, at most for as long again."""
+        """Discard input for ``within`` s, then until the line is silent, for at most another ``within`` s."""
         came = False
         until = self._clock.now() + round(within * NS)
         end = until + round((within + self._gap()) * NS)

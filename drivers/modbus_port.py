@@ -94,8 +94,8 @@ class ModbusPort:
     def read_file(self, file: int, record: int, count: int) -> list[int]:
         """Return ``count`` registers of a file from ``record`` on (FC 20)."""
         what = self._range(f"reading file {file}, record", record, count, FILE_READ_MAX)
-        wanted = [FileRecord(file_number=file, record_number=record, record_length=2 * count)]
-        reply = self._ask(what, lambda: self._client.read_file_record(wanted, device_id=self._unit))
+        records = [FileRecord(file_number=file, record_number=record, record_length=2 * count)]
+        reply = self._ask(what, lambda: self._client.read_file_record(records, device_id=self._unit))
         data = b"".join(one.record_data for one in getattr(reply, "records", ()))
         if len(data) != 2 * count:
             raise LinkLost(f"{what} failed: the device answered {len(data)} bytes instead of {2 * count}")

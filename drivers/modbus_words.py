@@ -53,14 +53,14 @@ def instead(request: bytes, came: bytes, *, framed: bool) -> str:
         )
     if len(came) < HEADER.size or len(request) < HEADER.size:
         return f"; {len(came)} bytes came, which is too short for an answer"
-    (asked, _, _, unit), (told, protocol, _, answering) = (
+    (number, _, _, unit), (answer_number, protocol, _, answer_unit) = (
         HEADER.unpack_from(request),
         HEADER.unpack_from(came),
     )
     if protocol:
         return '; the answer is not Modbus/TCP; use another protocol, or kind = "modbus_rtu"'
-    if answering != unit:
-        return f"; the answer is from unit {answering} instead of {unit}; correct unit, or set echo = false"
-    if told != asked:
-        return f"; the answer has the request number {told} instead of {asked}; set echo = false"
+    if answer_unit != unit:
+        return f"; the answer is from unit {answer_unit} instead of {unit}; correct unit, or set echo = false"
+    if answer_number != number:
+        return f"; the answer has the request number {answer_number} instead of {number}; set echo = false"
     return f"; {len(came)} bytes of an answer came"

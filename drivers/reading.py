@@ -55,7 +55,7 @@ class Readings:
         if self._seen is not None:
             self._seen[name] = None
         if self._limits[row] == 0:
-            value = self._asked(name)
+            value = self._polled(name)
             return Sample(value, 0.0, Quality.UNAVAILABLE if math.isnan(value) else Quality.GOOD)
         value, time = self._receiver.latest(row)
         if time < 0:
@@ -69,11 +69,11 @@ class Readings:
         """Return the value of ``name`` (SI); NaN unless its quality is good."""
         if self._seen is not None:
             self._seen[name] = None
-        return self.glimpse(name) if self._limits[self._table.index[name]] else self._asked(name)
+        return self.glimpse(name) if self._limits[self._table.index[name]] else self._polled(name)
 
     def glimpse(self, name: str) -> float:
-        """Return the value as `known` does, for other threads: its name does not appear in the message of a failed
-        wait.
+        """Return the value as `known` does, for use in other threads. A failed wait does not list this reading in its
+        message.
         """
         row = self._table.index[name]
         value, time = self._receiver.latest(row)
@@ -106,7 +106,7 @@ class Readings:
             return f"{name} = {self._table[name].show(sample.value)}"
         return f"{name} is {_quality(sample)}"
 
-    def _asked(self, name: str) -> float:
+    def _polled(self, name: str) -> float:
         refuse_absent(self._wiring, name)
         return self._slow(name)
 

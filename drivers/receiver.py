@@ -88,8 +88,8 @@ class Capture:
                     f"the rig does not send {name} by itself, so there are no samples to capture; read "
                     "the value instead"
                 )
-        self._wanted = np.zeros(len(self._table.signals), np.bool_)
-        self._wanted[[self._row(name) for name in self.names]] = True
+        self._captured = np.zeros(len(self._table.signals), np.bool_)
+        self._captured[[self._row(name) for name in self.names]] = True
         self._blocks: list[tuple[Ints, Ints, Floats]] = []  # times, rows, values
         self._joined_blocks = -1
         self._joined: tuple[Ints, Ints, Floats] = np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
@@ -176,7 +176,7 @@ class Capture:
         if len(blocks) != self._joined_blocks:  # joined once for all names, until new samples arrive
             self._joined_blocks = len(blocks)
             times, rows, values = (np.concatenate(column) for column in zip(*blocks, strict=True))
-            mine = self._wanted[rows]
+            mine = self._captured[rows]
             self._joined = times[mine], rows[mine], values[mine]
         all_times, rows, all_values = self._joined
         mine = rows == row

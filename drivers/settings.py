@@ -99,7 +99,7 @@ class Settings:
         for name in (name for name in kinds if kinds[name] is Kind.ACTION):
             self.act(name)
         if points := {name: order.values[name] for name in kinds if kinds[name] is None}:
-            self._wiring.say(points)
+            self._wiring.write_points(points)
 
     def go_safe(self, clock: Clock) -> None:
         """Order the safe position: by its action, or by the shut-down orders of a rig without that action.
@@ -118,8 +118,8 @@ class Settings:
 
     def contacts(self) -> dict[str, bool]:
         """Return all contacts of the interlocks that the rig has."""
-        told = self._read(self._present(Kind.INTERLOCK))
-        return {name: on == 1 for name, on in told.items()}
+        contacts = self._read(self._present(Kind.INTERLOCK))
+        return {name: on == 1 for name, on in contacts.items()}
 
     def reading(self, name: str) -> float:
         """Poll one value (SI) of the rig now; NaN if it has none."""
@@ -136,9 +136,9 @@ class Settings:
         return self._known.get(name, math.nan)
 
     def _read(self, names: Sequence[str]) -> dict[str, float]:
-        told = self._wiring.read(names)
-        self._known.update(told)
-        return told
+        values = self._wiring.read(names)
+        self._known.update(values)
+        return values
 
     def _present(self, kind: Kind) -> list[str]:
         return [signal.name for signal in self._table.of_kind(kind) if signal.name not in self._wiring.absent]

@@ -124,12 +124,12 @@ class Waveform(Device):
 
     def _refuse_mode(self, name: str) -> None:
         """Raise Misuse if the axis of the reading ``name`` has another control mode now."""
-        device, _, wanted = name.partition(".")
+        device, _, needed = name.partition(".")
         if device == "platform":
             return
         control = "lateral.control" if device == "lateral" else "vertical.control"
-        if self._link.has(control) and (mode := self._link.settings.choice(control)) != wanted:
-            raise Misuse(f"waveform of {name}: {control} is {mode!r}; it must be {wanted!r}")
+        if self._link.has(control) and (mode := self._link.settings.choice(control)) != needed:
+            raise Misuse(f"waveform of {name}: {control} is {mode!r}; it must be {needed!r}")
 
     def _refuse_pace(self, name: str, way: Floats) -> None:
         """Raise Misuse if ``way`` (SI, one value each cycle) is faster than the rig follows the set-point ``name``."""

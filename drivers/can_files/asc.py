@@ -125,7 +125,7 @@ def _timed(log: _Log, line: Line) -> None:
 
 
 def _count_other_line(log: _Log, line: Line, word: str) -> bool:
-    """Count a known line that is not a frame; return whether it is one."""
+    """Count a line of a known kind that is not a frame; return whether ``line`` is of such a kind."""
     low = word.lower()
     known = {"errorframe": ERRORS, "overloadframe": OVERLOAD, "statistic:": EVENTS}
     for begin, what in known.items():
@@ -201,13 +201,13 @@ def _add(log: _Log, line: Line, channel: str, name: str, fd: bool, data: bytes |
         return
     extended = name[-1:].lower() == "x"
     identifier = _number(name[:-1] if extended else name, log.base)
-    told = _OWN_ID.search(line.text) if "=" in line.text else None
-    if identifier is None or (told and name[:1].isalpha()):
-        if told is None:
+    identifier_text = _OWN_ID.search(line.text) if "=" in line.text else None
+    if identifier is None or (identifier_text and name[:1].isalpha()):
+        if identifier_text is None:
             log.names = log.names or f"{name} in line {line.number}"
             log.account.leave_out(_NAMED, at=line.shown)
             return
-        identifier, extended = int(told[1]), bool(told[2])
+        identifier, extended = int(identifier_text[1]), bool(identifier_text[2])
     elif name[:1].isalpha():
         log.letters = log.letters or f"{name} in line {line.number}"
     if identifier > (EXTENDED_ID_MAX if extended else STANDARD_ID_MAX):

@@ -124,9 +124,11 @@ class _Reader(blf.BLFReader):
         yield from super()._parse_data(data)
 
 
-def _start(told: tuple[int, ...]) -> float:
-    """Return the start of a log in s since 1970; 0 if it has none. Some programs write 1000 ms for a second."""
-    year, month, _, day, hour, minute, second, milliseconds = told
+def _start(date: tuple[int, ...]) -> float:
+    """Return the start time of a log (s since 1970); 0 if missing. The milliseconds can be 1000, as some programs
+    write.
+    """
+    year, month, _, day, hour, minute, second, milliseconds = date
     try:
         start = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
     except ValueError:

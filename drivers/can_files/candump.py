@@ -53,7 +53,7 @@ class _Log:
     lost: str = ""  #: the first one that has a stamp and is of an unknown form
 
 
-def read_candump(path: Path, account: Account, meant: Stamps | None = None) -> Frames:
+def read_candump(path: Path, account: Account, kind: Stamps | None = None) -> Frames:
     """Return the data frames of a candump. Raises CanLogError for stamps with an ambiguous meaning."""
     log = _Log(path, account)
     for line in lines_of(path, account):
@@ -69,7 +69,7 @@ def read_candump(path: Path, account: Account, meant: Stamps | None = None) -> F
         raise CanLogError(f"{path}: {log.bare} has no time stamp; record with candump -L or candump -ta")
     if len(log.frames):
         stamps = np.frombuffer(log.stamps, np.int64)
-        if (meant or _meaning(log, stamps)) == "delta":
+        if (kind or _meaning(log, stamps)) == "delta":
             if log.lost:
                 raise CanLogError(
                     f"{path}: {log.lost} has an unknown form, and all later time stamps count from it; "
@@ -84,7 +84,7 @@ def read_candump(path: Path, account: Account, meant: Stamps | None = None) -> F
 
 
 def _meaning(log: _Log, stamps: np.ndarray) -> Stamps:
-    """Return whether stamps are times or differences: differences fall as often as they rise."""
+    """Return whether the stamps are times or time differences. Times increase; differences also decrease."""
     if len(stamps) < 2 or int(stamps.max()) >= _LARGE:
         return "absolute"
     steps = np.diff(stamps)
@@ -108,7 +108,7 @@ def _meaning(log: _Log, stamps: np.ndarray) -> Stamps:
 
 
 def _stamped(log: _Log, line: Line, text: str | None) -> bool:
-    """Store the stamp of a line; return whether it has a valid one."""
+    """Store the time stamp of a line; return whether it is valid."""
     if text is None:
         log.bare = log.bare or line.shown
         return False

@@ -1,4 +1,4 @@
-"""The data frames of a log in order of time, stored compactly: a day of a busy bus fits into memory."""
+"""The data frames of a log in order of time, in arrays of a few bytes per frame."""
 
 from __future__ import annotations
 

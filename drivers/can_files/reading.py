@@ -68,8 +68,8 @@ def frames_form(path: Path, dbc: bool) -> FileForm | None:
 def read_log(path: Path, account: Account, stamps: Stamps | None = None) -> Frames:
     """Return the data frames of a log, in order of time; all others are counted in ``account``.
 
-    ``stamps`` gives the meaning of the stamps of a candump, if the file does not state it. Raises CanLogError for a
-    file of another format, for a log without a frame, and for a clock that goes back or jumps.
+    ``stamps`` gives the meaning of the stamps of a candump, if the file does not state it. Raises CanLogError for
+    another format, for a log without a frame, and for time stamps that decrease or jump.
     """
     form = form_of(path, FORMS)
     if form is None or form.read is None:
@@ -87,15 +87,15 @@ def read_log(path: Path, account: Account, stamps: Stamps | None = None) -> Fram
 def _without(path: Path, ending: str, account: Account) -> str:
     """Return why a file has no frame, as text."""
     if UNKNOWN not in account.counts:
-        told = f" ({account.left_out})" if account.counts else ""
-        return f"{path} holds no data frame{told}"
+        skipped = f" ({account.left_out})" if account.counts else ""
+        return f"{path} holds no data frame{skipped}"
     if what := log_of_others(path):
         return f"{path} is {what}, not of {ending}; {OTHER_FORMS}"
     return f"{path} is not a file of CAN frames as its ending says: {account.first[UNKNOWN]}; {OTHER_FORMS}"
 
 
 def log_of_others(path: Path) -> str:
-    """Return the format of a log that is unsupported, or has another ending, by its first bytes; "" if unknown."""
+    """Return the format of an unsupported or wrongly named log, detected by its first bytes; "" if unknown."""
     try:
         first = next(lines_of(path, Account()), None)
     except CanLogError:

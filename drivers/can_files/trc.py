@@ -1,4 +1,4 @@
-"""PEAK's trace files, ``.trc`` from version 1.0 to 2.1. The version or the file defines the columns."""
+"""PEAK's trace files, ``.trc`` from version 1.0 to 2.1; the columns depend on the version or are listed in the file."""
 
 from __future__ import annotations
 

@@ -216,7 +216,7 @@ class Wiring(Protocol):
     def act(self, name: str) -> None:
         """Trigger an action of the table. Raises Refused if the rig rejects it."""
 
-    def say(self, points: Mapping[str, float]) -> None:
+    def write_points(self, points: Mapping[str, float]) -> None:
         """Write points of the rig that map to no signal, as named in its `Sequences`."""
 
     @property

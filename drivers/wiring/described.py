@@ -111,7 +111,7 @@ class DescribedWiring(Outlet):
         self._player = Player(rig, self.table, limits, self.absent) if limits else None
         self._sources = Sources(description, self._points.stale)
         self._settings = PointSettings(
-            rig, description, self._points, lambda: self._say(description.greetings.apply)
+            rig, description, self._points, lambda: self._send_orders(description.greetings.apply)
         )
         self._check_state()
         self.freshness: Ints = self._freshness()
@@ -130,7 +130,7 @@ class DescribedWiring(Outlet):
 
     @property
     def failure(self) -> BenchError | None:
-        """Why commands have no effect."""
+        """The error that makes commands ineffective; None without one."""
         return self._failure or (self.carrier.failure if self.carrier else None)
 
     @property
@@ -144,10 +144,10 @@ class DescribedWiring(Outlet):
         self._clock, self._receive, self._failure = clock, receive, None
         self._streaming.open()
         deadline = clock.now() + round(within * NS)
-        told = threading.Lock()  # held for good by the first connection that is lost
+        reported_once = threading.Lock()  # held for good by the first connection that is lost
 
         def on_lost(name: str, reason: str) -> None:
-            if told.acquire(blocking=False):
+            if reported_once.acquire(blocking=False):
                 lost(f"{name}: {reason}" if name else reason)
 
         try:
@@ -161,7 +161,7 @@ class DescribedWiring(Outlet):
             self._greeted = True
             if self._description.greetings.open:
                 self.begin()
-            self._say(self._description.greetings.open)
+            self._send_orders(self._description.greetings.open)
             self.given = {**self.given, **self._read_given(clock, deadline)}
             if self.carrier is not None:
                 self.carrier.subscribe(self._watching(receive), self.table.index.keys() - self._carried)
@@ -177,7 +177,7 @@ class DescribedWiring(Outlet):
     def _agree(self, carrier: AstbTransport) -> None:
         """Mark signals that the rig's own table lacks as missing, with the reason."""
         self.given = carrier.given
-        lacking = {name: why for name, why in carrier.absent.items() if name in self._carried}
+        lacking = {name: reason for name, reason in carrier.absent.items() if name in self._carried}
         if lacking:
             self._carried -= lacking.keys()
             self.absent = {**self.absent, **lacking}
@@ -193,9 +193,9 @@ class DescribedWiring(Outlet):
         state = self.table.index["rig.state"]
 
         def received(times: Ints, rows: Ints, values: Floats, fresh: Ints | int) -> None:
-            told = values[rows == state]
-            if told.size:
-                self._active = bool(told[-1] == _ACTIVE)
+            states = values[rows == state]
+            if states.size:
+                self._active = bool(states[-1] == _ACTIVE)
             receive(times, rows, values, fresh)
 
         return received
@@ -209,7 +209,7 @@ class DescribedWiring(Outlet):
         if self._greeted:
             self._greeted = False
             with contextlib.suppress(BenchError, ValueError):
-                self._say(self._description.greetings.close)
+                self._send_orders(self._description.greetings.close)
         for transport in reversed(self._transports.values()):
             transport.close()
         if self.carrier is not None:
@@ -217,27 +217,27 @@ class DescribedWiring(Outlet):
 
     def _read_given(self, clock: Clock, deadline: int) -> dict[str, float]:
         targets = {name: one for name, one in self._description.setpoints.items() if one.given}
-        told = self._points.await_values([one.given for one in targets.values()], clock, deadline)
-        given = {name: one.conversion.si(told[one.given]) for name, one in targets.items()}
+        numbers = self._points.await_values([one.given for one in targets.values()], clock, deadline)
+        given = {name: one.conversion.si(numbers[one.given]) for name, one in targets.items()}
         for name, value in given.items():
             if math.isnan(value):
                 raise LinkLost(f"{self.rig} does not report {name}: {targets[name].given} has no value")
         return given
 
     def _check_identity(self, clock: Clock, deadline: int) -> None:
-        wanted = self._description.identity
-        for point, found in self._points.await_values(list(wanted), clock, deadline).items():
-            if found != wanted[point]:
+        identity = self._description.identity
+        for point, found in self._points.await_values(list(identity), clock, deadline).items():
+            if found != identity[point]:
                 raise MapMismatch(
                     f"this is not the rig that the wiring of {self.rig} describes: {point} reads "
                     f"{found:g}, but identity in {self._description.where.name} states "
-                    f"{wanted[point]:g}; connect to the right rig, or correct identity"
+                    f"{identity[point]:g}; connect to the right rig, or correct identity"
                 )
 
     # -- receiving -----------------------------------------------------------------------------------------------
 
     def _receive_points(self, prefix: str, time: int, points: Mapping[str, float]) -> None:
-        """Take points of one transport received at ``time`` (ns)."""
+        """Store points received from one transport at ``time`` (ns)."""
         with self._lock:
             try:
                 samples = self._sources.samples(prefix, time, points)
@@ -261,8 +261,8 @@ class DescribedWiring(Outlet):
 
     def _publish_player(self, time: int) -> None:
         if self._player is not None:
-            told = self._player.state()
-            self._publish(time, {self.table.index[name]: told[name] for name in _PLAYER_READINGS})
+            values = self._player.state()
+            self._publish(time, {self.table.index[name]: values[name] for name in _PLAYER_READINGS})
 
     # -- sending -------------------------------------------------------------------------------------------------
 
@@ -315,15 +315,15 @@ class DescribedWiring(Outlet):
 
     def source(self, name: str) -> str:
         """Return the points of a signal, or its place in the table."""
-        told = self._description
+        description = self._description
         if name in self._carried:
             return self._carrier.source(name)
-        if name in told.sources:
-            return ", ".join(told.sources[name].points)
-        if name in told.settings:
-            one = told.settings[name]
+        if name in description.sources:
+            return ", ".join(description.sources[name].points)
+        if name in description.settings:
+            one = description.settings[name]
             return one.read or one.point or "fixed"
-        return told.setpoints[name].point if name in told.setpoints else ""
+        return description.setpoints[name].point if name in description.setpoints else ""
 
     def stamp(self, name: str) -> Stamp | None:
         """Return the stamp of a signal: that of the first of its points."""
@@ -392,7 +392,7 @@ class DescribedWiring(Outlet):
         for number in numbers:
             self._points.write({point: number})
 
-    def _say(self, orders: Iterable[Order]) -> None:
+    def _send_orders(self, orders: Iterable[Order]) -> None:
         """Write the orders of the wiring itself: actions of the table and points."""
         for order in orders:
             for name in order.values:
@@ -401,7 +401,7 @@ class DescribedWiring(Outlet):
             actions = self._description.actions
             self._points.write({name: value for name, value in order.values.items() if name not in actions})
 
-    def say(self, points: Mapping[str, float]) -> None:
+    def write_points(self, points: Mapping[str, float]) -> None:
         self.begin()
         self._points.write(points)
 
@@ -473,7 +473,7 @@ class _SignalNews:
         self._news.add(point)
 
     def value(self, time: int) -> float | None:
-        """Return the SI value once all points are new, NaN if one of them is stale by then; else None."""
+        """Return the SI value if all points are new, NaN if one of them has become stale; otherwise None."""
         if len(self._news) < len(self._source.points):
             return None
         self._news.clear()

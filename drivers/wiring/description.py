@@ -231,13 +231,13 @@ class _Reader:
             point = self._target(where, signal, entry.target)
             if entry.given:
                 self._point(f"{where}.given", entry.given, written=False)
-            told = self._conversion(where, signal, entry)
-            mute = [one for k, one in enumerate(signal.choices) if math.isnan(told.number(k))]
+            conversion = self._conversion(where, signal, entry)
+            mute = [one for k, one in enumerate(signal.choices) if math.isnan(conversion.number(k))]
             if mute:
                 raise WiringError(
                     f"{where}.choices lacks {', '.join(mute)}; add the number that is sent for it"
                 )
-            self._setpoints[signal.name] = Target(point, told, entry.given)
+            self._setpoints[signal.name] = Target(point, conversion, entry.given)
         elif signal.kind is Kind.SETTING:
             self._settings[signal.name] = self._setting(where, signal, entry)
         else:

@@ -34,7 +34,7 @@ _LENGTH_MAX: Final = 500
 
 
 def expression(where: str, text: str, names: Sequence[str]) -> Combine:
-    """Return ``text`` as a function of the values of ``names``; a division by 0 gives NaN.
+    """Return the function of the values of ``names`` that ``text`` describes; a division by 0 gives NaN.
 
     Raises WiringError, which begins with ``where``, for an unknown name and for anything but arithmetic.
     """

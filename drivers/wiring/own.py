@@ -34,12 +34,16 @@ def own_description(
 
     ``ports`` are the keys ``can`` and ``modbus`` of its transport.
     """
-    told = _read(table)
+    description = _read(table)
     if absent:
-        told = replace(told, absent={**told.absent, **absent}, carried=told.carried - absent.keys())
+        description = replace(
+            description, absent={**description.absent, **absent}, carried=description.carried - absent.keys()
+        )
     if ports:
-        told = replace(told, transports={TRANSPORT: {**told.transports[TRANSPORT], **ports}})
-    return told
+        description = replace(
+            description, transports={TRANSPORT: {**description.transports[TRANSPORT], **ports}}
+        )
+    return description
 
 
 def own_wiring(
@@ -51,5 +55,5 @@ def own_wiring(
     rig: str = "the rig",
 ) -> DescribedWiring:
     """Return the wiring of a rig that implements ``table``, over two open ports, which it closes."""
-    told = own_description(table=table, absent=absent)
-    return open_described(rig, told, {TRANSPORT: lambda: (can, modbus)})
+    description = own_description(table=table, absent=absent)
+    return open_described(rig, description, {TRANSPORT: lambda: (can, modbus)})

@@ -203,7 +203,7 @@ class Player:
             return dict(offsets)
 
     def _played(self, time: int) -> int:
-        """Return the time (ns) with set-points, without stalls, so that no wave jumps."""
+        """Return the time (ns) during which set-points were sent. Pauses do not count, so that no wave jumps."""
         if self._last is not None:
             self._elapsed += min(time - self._last, _STEP_MAX)
         self._last = time
@@ -229,10 +229,14 @@ class Player:
     # -- checks --------------------------------------------------------------------------------------------------
 
     def _possible(
-        self, asked: Sequence[Mapping[str, float]], modes: Mapping[str, float], setpoints: Floats, verb: str
+        self,
+        requested: Sequence[Mapping[str, float]],
+        modes: Mapping[str, float],
+        setpoints: Floats,
+        verb: str,
     ) -> list[_Wave]:
-        """Return the waves of the settings ``asked``. Raises Refused if one is invalid, or if they are together."""
-        waves = [_Wave.of(settings, self._heights_of(settings, modes, verb)) for settings in asked]
+        """Return the waves of the settings ``requested``. Raises Refused if one of them, or their sum, is invalid."""
+        waves = [_Wave.of(settings, self._heights_of(settings, modes, verb)) for settings in requested]
         self._refuse_steep(waves, verb)
         self._refuse_far(waves, setpoints, verb)
         return waves
@@ -314,5 +318,5 @@ class Player:
                 )
 
 
-def _refused(verb: str, why: str) -> Refused:
-    return Refused(f"action.program_{verb} was refused: {why}", DEVICE_FAILURE)
+def _refused(verb: str, reason: str) -> Refused:
+    return Refused(f"action.program_{verb} was refused: {reason}", DEVICE_FAILURE)

@@ -46,9 +46,9 @@ class Points:
     def await_values(self, points: Sequence[str], clock: Clock, deadline: int) -> dict[str, float]:
         """Return points once all have a value, NaN for those without one at the deadline."""
         while True:
-            told = self.read(points)
-            if not any(map(math.isnan, told.values())) or clock.now() >= deadline:
-                return told
+            values = self.read(points)
+            if not any(map(math.isnan, values.values())) or clock.now() >= deadline:
+                return values
             clock.sleep_until(min(deadline, clock.now() + LOOK))
 
     def await_news(self, rig: str, clock: Clock, deadline: int, within: float) -> None:

@@ -23,7 +23,7 @@ _FATES: Final[tuple[AirFate, ...]] = get_args(AirFate)
 
 
 class NotePoint(Protocol):
-    """Records that the line ``key`` names a point. Raises WiringError for an invalid one."""
+    """Register the point that the line ``key`` names. Raises WiringError for an invalid one."""
 
     def __call__(self, key: str, point: str, *, written: bool) -> None: ...
 
@@ -79,7 +79,7 @@ class SequenceReader:
         return Greetings(*found)
 
     def _states(self) -> Sequence[str]:
-        """Return the states that the rig reports; all states if the line of its state is wrong."""
+        """Return the states that the rig can report; all states if the line of ``rig.state`` is invalid."""
         source = self._sources.get("rig.state")
         if source is None and "rig.state" not in self._absent:
             return STATES

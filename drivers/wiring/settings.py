@@ -80,10 +80,10 @@ class PointSettings:
     def _before(self, names: Iterable[str]) -> dict[str, float]:
         """Return the points of settings with their present numbers, as far as they are known."""
         numbers = {}
-        told = self._points.read(point for name in names for point in self.source(name))
+        present = self._points.read(point for name in names for point in self.source(name))
         for name in names:
             setting = self._settings[name]
-            numbers[setting.point] = setting.conversion.number(self.si(name, told))
+            numbers[setting.point] = setting.conversion.number(self.si(name, present))
         return {point: number for point, number in numbers.items() if not math.isnan(number)}
 
     def _acknowledged(self, name: str, value: float, clock: Clock | None) -> None:
@@ -98,14 +98,14 @@ class PointSettings:
             if abs(found - value) <= setting.tolerance:
                 return
             if clock.now() >= deadline:
-                says = (
+                shown = (
                     f"{number:g}, which is not one of its choices"
                     if math.isnan(found)
                     else signal.show(found)
                 )
                 raise Refused(
                     f"{self._rig} did not acknowledge {name} = {signal.show(value)}: {setting.read} "
-                    f"still reads {says} after {setting.within:g} s",
+                    f"still reads {shown} after {setting.within:g} s",
                     DEVICE_FAILURE,
                 )
             clock.sleep_until(min(deadline, clock.now() + LOOK))

@@ -1,4 +1,4 @@
-"""Streaming of set-points from a wiring to its transports: nothing before the first command, no unreported refusal."""
+"""Streaming of set-points from a wiring to its transports, from the first command on."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ class Tiny(Outlet):
     def act(self, name):
         self.keys.append(name)
 
-    def say(self, points):
+    def write_points(self, points):
         self.keys.append(points["key"])
         after = {1: "DISABLED", 2: "HOLD", 3: "ACTIVE", 9: "DISABLED", 0: "DISABLED"}
         if points["key"] not in self.deaf:

@@ -407,7 +407,7 @@ def test_a_setting_without_a_way_back_is_remembered(wired):
 def test_actions_and_points_of_the_rigs_own(wired):
     wired.open()
     wired.wiring.act("action.power_off")
-    wired.wiring.say({"plc.command": 3, "bus.Left": 1, "plc.mode": 2})
+    wired.wiring.write_points({"plc.command": 3, "bus.Left": 1, "plc.mode": 2})
     assert wired.plc.writes == [{"command": 7}, {"command": 0}, {"command": 3, "mode": 2}]
     assert wired.bus.writes == [{"Left": 1}]
 

@@ -13,7 +13,7 @@ from bench_sim.rig.safe_position import EMPTY, Grip
 from bench_sim.rig.states import COMMAND_VALID, TRANSITIONS, Event
 from drivers.errors import Refused
 from drivers.wiring.astb import refusals
-from drivers.wiring.astb.refusals import RigState, why_action
+from drivers.wiring.astb.refusals import RigState, action_refusal
 from tests.refusals import refuses
 
 EVENTS = {
@@ -42,7 +42,7 @@ def test_an_action_outside_its_states_is_explained(name, state):
     readings = {"rig.state": float(state), "rig.program": 0.0}
     rows = {(row.source, row.event): row for row in TRANSITIONS}
     row = rows.get((state, EVENTS[name]))
-    told = why_action(
+    told = action_refusal(
         f"action.{name}", RigState(readings, {"interlock.command": False, "interlock.estop": True})
     )
     assert (f"the bench is in {state.name}" in told) == (row is None)

@@ -1,6 +1,6 @@
 """CAN of our own table: decoded frames become samples, and set-points become the protected frames of each cycle.
 
-Only messages *from the rig* are decoded, because a bus may echo commands.
+Only messages from the rig are decoded, because a bus can return our own commands as an echo.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ class AstbListener:
     """Decodes frames of the rig, and calls ``receive`` with the samples.
 
     ``stamps`` converts the time stamps of the frames to times of ``clock``; None if they use that clock already. With
-    ``stamps`` the age of a reading counts from its arrival. ``absent`` are signals that this rig has elsewhere; rows
-    of our table at their places are ignored.
+    ``stamps`` the age of a reading counts from its arrival. ``absent`` are signals with another place on this rig; the
+    rows of our table for them are ignored.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class AstbListener:
 class AstbOutlet(Outlet):
     """Sends the protected command messages, one block per cycle.
 
-    In real time the stream continues while a computation holds the interpreter, for ``AUTONOMY`` at most
+    In real time the stream continues while a computation blocks the interpreter, for ``AUTONOMY`` at most
     (`drivers.cycle`).
     """
 

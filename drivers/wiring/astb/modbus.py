@@ -25,7 +25,7 @@ from bench_protocol.signals import Kind
 from bench_protocol.units import ms
 from bench_protocol.wires import Table
 from drivers.errors import BenchError, LinkLost, MapMismatch, Misuse, NotCommander, Refused
-from drivers.wiring.astb.refusals import RigState, why_action, why_settings
+from drivers.wiring.astb.refusals import RigState, action_refusal, settings_refusal
 
 if TYPE_CHECKING:
     from drivers.modbus_port import ModbusPort
@@ -54,13 +54,13 @@ def from_words(high: int, low: int) -> float:
     return float(_SINGLE.unpack(((high << 16) | low).to_bytes(4, "big"))[0])
 
 
-def other_map(map_hash: int, agreed: int, why: str = "") -> MapMismatch | None:
+def other_map(map_hash: int, agreed: int, detail: str = "") -> MapMismatch | None:
     """Return an error if ``map_hash`` is not the ``agreed`` one."""
     if map_hash == agreed:
         return None
     return MapMismatch(
         f"the rig's map hash is {map_hash:#010x}, that of these drivers is {agreed:#010x}; install the "
-        f"same version of the table of signals on both{why}"
+        f"same version of the table of signals on both{detail}"
     )
 
 
@@ -116,12 +116,12 @@ class AstbRegisters:
                 self.act("action.apply")
             except Refused as refused:
                 self._stage(before, {name: before[name] for name in values})
-                wanted = ", ".join(
+                request = ", ".join(
                     f"{name} = {self._table[name].show(value)}" for name, value in values.items()
                 )
                 new = [name for name, value in values.items() if single(value) != before[name]]
-                why = self._why(refused, lambda told: why_settings(new, told))
-                raise Refused(f"the rig refused {wanted}: {why}", refused.code) from None
+                reason = self._reason(refused, lambda rig: settings_refusal(new, rig))
+                raise Refused(f"the rig refused {request}: {reason}", refused.code) from None
 
     def _stage(self, known: Mapping[str, float], values: Mapping[str, float]) -> None:
         """Write the registers from the first to the last of ``values``. The rig accepts or refuses them as a whole."""
@@ -144,15 +144,15 @@ class AstbRegisters:
         try:
             self._commanding(lambda: self._port.write_coil(address, True))
         except Refused as refused:
-            why = self._why(refused, lambda told: why_action(name, told))
-            raise Refused(f"{name} was refused in the rig's present state: {why}", refused.code) from None
+            reason = self._reason(refused, lambda rig: action_refusal(name, rig))
+            raise Refused(f"{name} was refused in the rig's present state: {reason}", refused.code) from None
 
-    def _why(self, refused: Refused, why: Callable[[RigState], str]) -> str:
+    def _reason(self, refused: Refused, explain: Callable[[RigState], str]) -> str:
         """Return the reason of a refusal by the state of the rig; otherwise the rig's answer."""
         text = ""
         if refused.code == DEVICE_FAILURE:
             with suppress(BenchError):
-                text = why(RigState(self.snapshot(), self.contacts()))
+                text = explain(RigState(self.snapshot(), self.contacts()))
         return f"{text} (Modbus exception {refused.code})" if text else str(refused)
 
     def contacts(self) -> dict[str, bool]:
@@ -210,9 +210,9 @@ class AstbRegisters:
             (self._active.keys(), self.reading, lambda _: self.in_force()),
             (readings, self.reading, self._readings_now),
         ):
-            asked = [name for name in names if name in known]
-            told = several(asked) if len(asked) > 1 else {name: one(name) for name in asked}
-            found.update({name: float(told[name]) for name in asked})
+            requested = [name for name in names if name in known]
+            answers = several(requested) if len(requested) > 1 else {name: one(name) for name in requested}
+            found.update({name: float(answers[name]) for name in requested})
         if unknown := [name for name in names if name not in found]:
             raise Misuse(
                 f"{', '.join(unknown)} is not a reading of the Modbus map; `astb rig signals` lists "
@@ -242,15 +242,15 @@ class AstbRegisters:
         try:
             places = read_places(self._port.read_file, FILE_READ_MAX, map_hash)
         except (Refused, ValueError) as error:
-            why = f"; the differences are unknown: {error}"
-            raise MapMismatch(str(other_map(map_hash, self._table.map_hash, why))) from None
+            detail = f"; the differences are unknown: {error}"
+            raise MapMismatch(str(other_map(map_hash, self._table.map_hash, detail))) from None
         found = compare(self._table, places)
         if found.refused:
-            why = (
+            detail = (
                 f". These differences must not exist: {'; '.join(found.refused[:3])}. All differences: "
                 f"{found}"
             )
-            raise MapMismatch(str(other_map(map_hash, self._table.map_hash, why)))
+            raise MapMismatch(str(other_map(map_hash, self._table.map_hash, detail)))
         self._absent = found.absent
         self._readings = [register for register in self._readings if register.signal not in self._absent]
         self._spans = _spans(places)
@@ -276,18 +276,18 @@ class AstbRegisters:
         """Return the lease as this connection sees it: its token, another number if others hold it, 0 if it is free."""
         return self._port.read_holding(LEASE_ADDRESS, 1)[0]
 
-    def whose(self) -> str:
+    def holder_text(self) -> str:
         """Return as text which client holds the lease."""
         if not self.holder():
             return "nobody"
         token, port = self.reading("rig.lease"), self.reading("rig.holder")
-        whose = (
+        holder = (
             "a commander that does not send on CAN yet"
             if token == HIDDEN_TOKEN
             else f"the commander with token {token:.0f}"
         )
         where = f"at TCP port {port:.0f}; `ss -tnp` shows its program" if port > 0 else "somewhere on CAN"
-        return f"{whose}, {where}"
+        return f"{holder}, {where}"
 
     def watch(self, within: float) -> None:
         """Set the watchdog: the rig holds the bench if no write follows ``within`` s (up to 10) of the last; 0: off."""
@@ -306,14 +306,14 @@ class AstbRegisters:
         except Refused as refused:
             if refused.code != NO_AUTHORITY:
                 raise
-            raise NotCommander(self._why_not()) from refused
+            raise NotCommander(self._lease_lost()) from refused
 
-    def _why_not(self) -> str:
-        """Return as text why the rig accepts nothing from this connection."""
+    def _lease_lost(self) -> str:
+        """Return as text the reason why the rig refuses all requests of this connection."""
         token = self.holder()
         if not self._token:
             return (
-                f"the bench is held by {self.whose()}; wait until that client releases the bench, or "
+                f"the bench is held by {self.holder_text()}; wait until that client releases the bench, or "
                 "until it was silent and the bench is safe"
             )
         if token == self._token:
@@ -322,6 +322,6 @@ class AstbRegisters:
             )
         return (
             "this commander lost the bench, because it was silent for too long, its connection broke, or the "
-            f"rig was restarted ({self.whose()} holds the bench now); inspect the bench, then connect again to "
+            f"rig was restarted ({self.holder_text()} holds the bench now); inspect the bench, then connect again to "
             "take it"
         )

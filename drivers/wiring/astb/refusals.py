@@ -57,7 +57,7 @@ class RigState:
         return PROGRAM_STATES[int(self.readings["rig.program"])]
 
 
-def why_action(name: str, rig: RigState) -> str:
+def action_refusal(name: str, rig: RigState) -> str:
     """Return why the rig refuses the action ``name``, and how to correct it; "" if the readings do not show it."""
     state = rig.state
     possible = _POSSIBLE_IN.get(name, STATES)
@@ -96,7 +96,7 @@ def why_action(name: str, rig: RigState) -> str:
     return _PROGRAM.get(name, "")
 
 
-def why_settings(changed: Collection[str], rig: RigState) -> str:
+def settings_refusal(changed: Collection[str], rig: RigState) -> str:
     """Return why the rig refuses settings of which ``changed`` are new, and how to correct it; "" if unknown."""
     reasons = []
     if rig.program in ("RUN", "HOLD") and any(name in _CONTROLS for name in changed):
@@ -105,15 +105,15 @@ def why_settings(changed: Collection[str], rig: RigState) -> str:
     opened = any(name in _PLATES for name in changed)
     if opened or "rig.nominal_preload" in changed:
         what = "plates and pipes" if opened else "shims"
-        if why := _why_held(rig, FLANGE if opened else EMPTY):
+        if reason := _blocked_change(rig, FLANGE if opened else EMPTY):
             reasons.append(
                 f"{what} can be changed only while the springs are empty and no actuator holds the "
-                f"bolster: {why}"
+                f"bolster: {reason}"
             )
     return "; ".join(reasons)
 
 
-def _why_held(rig: RigState, pressure_max: float) -> str:
+def _blocked_change(rig: RigState, pressure_max: float) -> str:
     """Return why a change at the springs, under the bolster, is refused."""
     if rig.state in _ENGAGED:
         return f"the bench is in {rig.state}, so the actuators hold the bolster; disarm the bench first"

@@ -1,7 +1,7 @@
 """The transport to a rig that uses our table: measurements and set-points on CAN, all else on Modbus/TCP.
 
-It carries the signals themselves, in SI, by a compiled codec, and keeps the cycle of the set-points. In a description
-it represents every signal that no line is for::
+It carries the signals themselves, in SI, by a compiled codec, and keeps the cycle of the set-points. In a wiring file
+it serves every signal that has no line of its own::
 
     [transports.rig]
     kind = "astb"
@@ -164,9 +164,9 @@ class AstbTransport:
 
     @property
     def failure(self) -> BenchError | None:
-        """Why commands have no effect: another signal map, a lost lease, or a failure to feed the watchdog."""
-        told = math.nan if self._listener is None else self._listener.map_hash
-        if not math.isnan(told) and (differs := other_map(int(told), self._map_hash)):
+        """The error that makes commands ineffective: another signal map, a lost lease, or a failed watchdog feed."""
+        map_hash = math.nan if self._listener is None else self._listener.map_hash
+        if not math.isnan(map_hash) and (differs := other_map(int(map_hash), self._map_hash)):
             return differs
         failure = self.watchdog.failure if self.commands else None
         if failure is None or isinstance(failure, NotCommander):
@@ -262,8 +262,8 @@ class AstbTransport:
 
     def identity(self) -> str:
         """Return as text the signal table of the rig, and the holder of the lease."""
-        spoken = self.differs or f"table of signals {self._table.map_hash:#010x}"
-        return f"{spoken}; held by {self.registers.whose()}"
+        table = self.differs or f"table of signals {self._table.map_hash:#010x}"
+        return f"{table}; held by {self.registers.holder_text()}"
 
     def source(self, name: str) -> str:
         """Return the CAN message or register of a signal."""

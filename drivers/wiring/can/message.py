@@ -149,7 +149,7 @@ class Message:
         return bits
 
     def decode(self, data: bytes) -> dict[str, float]:
-        """Return the numbers of a received frame by point, as far as it goes; NaN for "not available"."""
+        """Return the numbers of the points that a received frame contains; NaN for "not available"."""
         names = self.points
         found = {names[signal]: value for signal, value in self.decoding.values(data, Account())}
         for signal, nulls in self.nulls.items():

@@ -207,10 +207,10 @@ def _check_points(
                 raise WiringError(
                     f"{where}.points: {message} has no signal {signal!r}; {did_you_mean(signal, names)}"
                 )
-            said = [key for key in sorted(DBC_SAYS) if getattr(one, key) != getattr(SignalKeys(), key)]
-            if said:
+            duplicate = [key for key in sorted(DBC_SAYS) if getattr(one, key) != getattr(SignalKeys(), key)]
+            if duplicate:
                 raise WiringError(
-                    f"{where}.points: {message}.{signal}: {said[0].removeprefix('is_')} is already in "
+                    f"{where}.points: {message}.{signal}: {duplicate[0].removeprefix('is_')} is already in "
                     "the DBC; remove it here"
                 )
 
@@ -227,10 +227,10 @@ def _same_identifiers(
         key = coding.frame_id, coding.is_extended_frame
         if (other := seen.setdefault(key, name)) == name:
             continue
-        why = f"{other} and {name} have the same identifier, {coding.frame_id:#x}"
+        reason = f"{other} and {name} have the same identifier, {coding.frame_id:#x}"
         if name not in described or other not in described:
-            raise WiringError(f"{where}: {why}")
-        refused |= {other: why, name: why}
+            raise WiringError(f"{where}: {reason}")
+        refused |= {other: reason, name: reason}
     return refused
 
 
@@ -272,8 +272,8 @@ def _message(
     cycle = (coding.cycle_time or 0) * ms
     by_rate = max(_STALE_MIN, _STALE_PERIODS * cycle) if stale is None else stale
     message.stale = pages * by_rate if keys.stale is None else duration(f"{where}: stale", keys.stale)
-    for said in (*keys.values, *([keys.counter] if keys.counter else [])):
-        _known(where, said, names)
+    for field_name in (*keys.values, *([keys.counter] if keys.counter else [])):
+        _known(where, field_name, names)
     for given, value in keys.values.items():
         low, high = limits[given]
         if not low <= value <= high:

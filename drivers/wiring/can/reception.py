@@ -67,8 +67,8 @@ class Reception:
         source = j1939.source_of(identifier)
         if message.keys.source is not None:
             return source == message.keys.source
-        gone = time - message.source_when > max(message.stale, 1.0) * NS
-        if message.source is None or gone or (exact and source != j1939.NOBODY):
+        stopped = time - message.source_when > max(message.stale, 1.0) * NS
+        if message.source is None or stopped or (exact and source != j1939.NOBODY):
             message.source = source
         if source == message.source:
             message.source_when = time

@@ -38,11 +38,11 @@
                                                    # that the DBC names so ("SNA", "Fehler")
 
 Counters and checksums are filled in when a message is sent and checked when it is received. Frames with errors are
-counted (``counts``) and discarded. If a frame is shorter than described, the signals that fit are read. With J1939
-priority and addresses do not matter, the codes FE and FF are no values, and if two nodes send one group, only the first
+counted (``counts``) and discarded. If a frame is shorter than described, the signals that fit are read. With J1939,
+priority and addresses are ignored, and the codes FE and FF mean "no value". If two nodes send one group, only the first
 is received. Stamps of the interface's own clock are used where it has one. A multiplexed message is sent page by page.
-Nothing is sent before a user commands; start values in the DBC then replace signals that no one writes, never for a
-set-point. Periodic messages pause when a stream of set-points has stopped, so that a dead bench does not look alive.
+Nothing is sent before a user commands; then signals without a written value use the start values in the DBC, except
+set-points. Periodic messages pause when a stream of set-points has stopped, so that the rig detects a failed bench.
 """
 
 from __future__ import annotations
@@ -199,12 +199,12 @@ class CanTransport(Transport):
                 f"{place}: {message.name} has {message.coding.length} bytes, but a CAN frame carries "
                 "8; set fd = true for CAN FD, which carries 64"
             )
-        if why := message.unreadable(signal):
-            raise WiringError(f"{place} cannot be read: {why}; use another DBC, or state id and points")
+        if reason := message.unreadable(signal):
+            raise WiringError(f"{place} cannot be read: {reason}; use another DBC, or state id and points")
         if not writable:
             return
-        if why := message.decoding.message.unsound:
-            raise WiringError(f"{place} cannot be sent: {why}; use another DBC, or state id and points")
+        if reason := message.decoding.message.unsound:
+            raise WiringError(f"{place} cannot be sent: {reason}; use another DBC, or state id and points")
         if signal in message.guards:
             raise WiringError(f"{place} is written by the transport; remove it from the orders")
         if not message.sendable:
@@ -263,21 +263,21 @@ class CanTransport(Transport):
             message.begin()
         port = self._opener() if self._opener is not None else self._join()
         self._port = port
-        told: list[str] = []
-        self._listener.open(clock, told.append)
+        losses: list[str] = []
+        self._listener.open(clock, losses.append)
         port.subscribe(self._receive)
         port.on_lost(self._listener.lose)
         periods = {one.every for one in self._messages.values() if one.every}
         for period in sorted(periods):
             self._listener.every(period, partial(self._send_cyclic, period))
         deadline = clock.now() + round(within * NS)
-        while self._keys.answers and not self._latest and not told and clock.now() < deadline:
+        while self._keys.answers and not self._latest and not losses and clock.now() < deadline:
             clock.sleep_until(min(deadline, clock.now() + _LOOK))
-        if told or (self._keys.answers and not self._latest):
+        if losses or (self._keys.answers and not self._latest):
             self.close()
             silent = f"{self._where}: none of its {len(self._messages)} messages came in {within:g} s"
             came = self._reception.instead()
-            raise LinkLost(told[0] if told else f"{silent}; " + (came or "check that the rig runs"))
+            raise LinkLost(losses[0] if losses else f"{silent}; " + (came or "check that the rig runs"))
         self._listener.when_lost(lost)
 
     def _join(self) -> CanPort:
@@ -315,10 +315,8 @@ class CanTransport(Transport):
                 self._decode(message, payload(record), self._sampled(message, time))
 
     def _sampled(self, message: Message, time: int) -> int:
-        """Return the sampling time of a message received at ``time``. A rig samples at once, then sends frame after
-        frame.
-
-        If the first message of a burst is known, a long burst is not mistaken for the beginning of the next one.
+        """Return the sampling time of a message received at ``time``. A rig samples all signals together, then sends
+        their frames.  If the first message of a burst is known, a long burst is not split in two.
         """
         if 0 <= time - self._burst_began < self._burst and message.name != self._keys.burst_begins:
             return self._burst_began

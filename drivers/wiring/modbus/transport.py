@@ -46,12 +46,12 @@
     serial      = { table = "input", address = 900, type = "string", length = 8 }
 
 Addresses are 0-based. All values of one request of a group have one time, the middle of the request. A point without a
-group is read when asked. A device that is busy now and then keeps its readings until they are stale. One that goes on
-refusing set-points ends the run, with its reason.
+group is read on request. While a device is busy, its readings keep their values until they are stale. A device that
+continues to refuse set-points ends the run, with its reason.
 
-Answers of Modbus/TCP are matched by their transaction number. Frames of a serial line have none, also over TCP. After
-a request without an answer such a line is left silent for one more time-out and read empty. The next reading is then
-asked for twice, and its first answer discarded. Discarded answers are counted.
+Answers of Modbus/TCP are matched by their transaction number. Frames of a serial line have none, also over TCP. After a
+request without an answer such a line is left silent for one more time-out and read empty. The next reading is then
+requested twice, and the first answer is discarded. Discarded answers are counted.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Values that a server publishes, and whether it still publishes: an answer to a request does not show that."""
+"""Values that an OPC UA server publishes, and detection of a server that has stopped publishing."""
 
 from __future__ import annotations
 
@@ -68,10 +68,10 @@ class Reports:
 
     async def _fill(self, subscription: WatchedSubscription, client: Client) -> None:
         nodes = [client.get_node(node) for node in self._names]
-        told = await subscription.subscribe_data_change(nodes, sampling_interval=1e3 * self._every)
+        results = await subscription.subscribe_data_change(nodes, sampling_interval=1e3 * self._every)
         refused = [
             f"{', '.join(several)} ({one.name})"
-            for several, one in zip(self._names.values(), told, strict=True)
+            for several, one in zip(self._names.values(), results, strict=True)
             if not isinstance(one, int)
         ]
         if refused:

@@ -18,11 +18,10 @@
     cell_3 = { node = "nsu=urn:plant:cells;s=Loads", index = 2 }    # element of an array; namespace by name
     serial = { node = "ns=2;s=Serial", subscribe = false }      # read on request; text(name) reads a text
 
-Errors in the description (no such node, a text, an array without its index) are reported on connecting. An element is
-written with the others of its array as the server has them then. A server reports only what changes. Each of its
-notifications and keep-alives confirms the values that it does not contain, which are handed on with that time. Without
-them the values become stale, and the transport subscribes again. A value whose status is not good is NaN. Times are
-those of arrival.
+Errors in the description (no such node, a text, an array without its index) are reported on connecting. To write an
+element, the whole array is written, with the present values of its other elements. A server reports only what changes.
+Each notification or keep-alive also confirms the unchanged values, which then get its time. Without them the values
+become stale, and the transport subscribes again. A value whose status is not good is NaN. Times are those of arrival.
 """
 
 from __future__ import annotations
@@ -112,15 +111,15 @@ class OpcUaTransport(Transport):
                 f'"ns=2;s=Height" }}'
             )
         self._points = {
-            one: convert(f"{place}.points: {one}", said, NodeKeys) for one, said in keys.points.items()
+            one: convert(f"{place}.points: {one}", node, NodeKeys) for one, node in keys.points.items()
         }
-        self._ids = {one: _node_id(f"{place}.points: {one}", said) for one, said in self._points.items()}
+        self._ids = {one: _node_id(f"{place}.points: {one}", node) for one, node in self._points.items()}
         seen: dict[tuple[ua.NodeId, int | None], str] = {}
-        for one, said in self._points.items():
-            first = seen.setdefault((self._ids[one], said.index), one)
+        for one, node in self._points.items():
+            first = seen.setdefault((self._ids[one], node.index), one)
             if first != one:
                 raise WiringError(
-                    f"{place}.points: {first} and {one} are the same node, {said.shown}; remove one of "
+                    f"{place}.points: {first} and {one} are the same node, {node.shown}; remove one of "
                     "them (several signals may use the same point)"
                 )
         self._alive: tuple[str, float] | None = None
@@ -215,8 +214,8 @@ class OpcUaTransport(Transport):
             point = self._points[name]
             code = "" if value.StatusCode is None else value.StatusCode.name
             raw = value.Value.Value if value.Value is not None else None
-            if why := NEVER.get(code, "") or point.never(raw):
-                never.append(f"{name} ({point.shown}): {why}")
+            if reason := NEVER.get(code, "") or point.never(raw):
+                never.append(f"{name} ({point.shown}): {reason}")
         if never:
             raise MapMismatch(
                 f"{self._where} can never give a value for {'; '.join(never)}; correct or remove these points"
@@ -295,10 +294,10 @@ class OpcUaTransport(Transport):
         """Return the points and the value to write by node. Arrays are completed with the present values."""
         elements = [name for name in raws if self._points[name].index is not None]
         first = {self._found[name]: name for name in elements}
-        told = self._values(list(first.values())) if first else []
+        present = self._values(list(first.values())) if first else []
         arrays = {
             node: list(value.Value.Value) if value.Value is not None else []
-            for node, value in zip(first, told, strict=True)
+            for node, value in zip(first, present, strict=True)
         }
         whole: dict[ua.NodeId, tuple[list[str], Any]] = {}
         for name, raw in raws.items():
@@ -412,8 +411,8 @@ class OpcUaTransport(Transport):
         try:
             self.write(values)
         except (Refused, ValueError) as error:
-            told = error if isinstance(error, Refused) else Misuse(str(error))
-            return Refusal(before.since if before else self._clock.now(), told)
+            refusal = error if isinstance(error, Refused) else Misuse(str(error))
+            return Refusal(before.since if before else self._clock.now(), refusal)
         return None
 
     def _connected(self) -> Client:
@@ -432,8 +431,8 @@ class OpcUaTransport(Transport):
         try:
             result = loop.run(work, within)
         except (TimeoutError, CancelledError, asyncio.CancelledError, OSError, ua.UaError) as error:
-            said = error_text(error, within)
-            reason = f"{what}: {self._where} failed: {said}; check that the server runs"
+            cause = error_text(error, within)
+            reason = f"{what}: {self._where} failed: {cause}; check that the server runs"
             if self._listener.busy and self._listener.silence() >= self._patience:
                 self._listener.lose(reason)
             raise LinkLost(reason) from None
