@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from bench_records.typography import significant
 
@@ -104,8 +104,9 @@ def joined(parts: Iterable[Any], by: str = "") -> Markup:
 def element(name: str, content: Any, kind: str = "", **attributes: str) -> Markup:
     """Return an element with its content, and with class and attributes that are not empty."""
     known = ({"class": kind} | attributes).items()
-    told = joined(Markup(' {}="{}"').format(key, value) for key, value in known if value)
-    return Markup("<{0}{1}>{2}</{0}>").format(name, told, content)
+    # Markup.format takes ten times as long, and a report has a thousand elements.
+    told = "".join(f' {key}="{escape(value)}"' for key, value in known if value)
+    return Markup(f"<{name}{told}>{escape(content)}</{name}>")
 
 
 def key_facts(facts: Iterable[tuple[str, Any]]) -> Markup:

@@ -23,7 +23,6 @@ from bench_records.document import (
     table,
 )
 from bench_records.plots import ALARM, PALETTE, SOFT, heading, number, panel, style, svg
-from bench_records.report_plots import curve_panel
 from bench_records.result import Check
 from bench_records.typography import THIN_SPACE, fixed, primed, significant, unit, with_uncertainty
 
@@ -54,6 +53,8 @@ class Row(NamedTuple):
 
 def write_comparison(comparison: Comparison, path: Path) -> None:
     """Write the comparison of two runs as one self-contained page. Raises OSError if it cannot be written."""
+    from bench_records.report_plots import curve_panel
+
     ends = zip("AB", comparison.verdicts, comparison.circumstances, strict=True)
     facts = [(fact.what.replace("_", " "), fact.a or "–", fact.b or "–") for fact in comparison.facts]
     drawings = [

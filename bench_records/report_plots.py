@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from bench_records.plot_data import Trace
 from bench_records.plots import (
@@ -18,18 +20,14 @@ from bench_records.plots import (
     heading,
     number,
     panel,
-    plain_numbers,
     style,
     svg,
 )
-from bench_records.sheet import OF_WORDS, Box, Margins, Sheet, sheet
+from bench_records.sheet import OF_WORDS, Box, Look, Margins, Range, Sheet, scale_range
 from bench_records.typography import primed, unit
 
 if TYPE_CHECKING:
-    import numpy as np
     import numpy.typing as npt
-    from matplotlib.axes import Axes
-    from matplotlib.lines import Line2D
 
     from bench_records.curves import Axis, Curve
     from bench_records.layout import Phase
@@ -67,8 +65,6 @@ def envelope(times: Numbers, values: Numbers, bins: int = BINS) -> tuple[Numbers
     All peaks stay, and no value is interpolated. Series that are short enough are returned unchanged. NaN breaks the
     line only if a whole interval has no number; intervals without samples become NaN as well.
     """
-    import numpy as np
-
     if times.size > 2 * bins:
         width = (times[-1] - times[0]) / bins
         index = np.minimum((times - times[0]) // width if width > 0 else np.zeros(times.size), bins - 1)
@@ -102,58 +98,50 @@ def time_panel(
     """Return signals of one quantity over time, with shaded phases, marks at the times of trips, and limits as
     levels.
     """
-    from matplotlib.lines import Line2D
-
     height = 1.62 + 0.17 * max(0, len(lines) - MANY_LINES)
-    with sheet(Margins(height, bottom=0.30, top=0.24)) as paper:
-        axes = paper.axes
-        shades = [(phase.start, 0.0, phase.end, 1.0) for phase in phases[::2]]
-        paper.fill(shades, SHADE, transform=axes.get_xaxis_transform(), zorder=0)
-        for index, line in enumerate(lines):
-            color, dash = look(index, line.label)
-            # As `_wide`, and less so: the lines of a signal over time are dense.
-            wide = 0.9 + 0.8 * (len(lines) - 1 - index) / max(1, len(lines) - 1) if len(lines) > 1 else 1.0
-            points = envelope(line.times, line.values)
-            axes.add_line(Line2D(*points, color=color, linestyle=_linestyle(dash), linewidth=wide))
-        for mark in marks:
-            axes.axvline(mark, color=ALARM, linewidth=0.8, linestyle=(0, (3, 2)))
-        for level in levels:
-            axes.axhline(level, color=ALARM, linewidth=0.8)
-        axes.set_xlim(*span)
-        axes.margins(y=0.08)
-        _open_flat_band(paper)
-        paper.horizontal_numbers()
-        paper.heading(title, _joined(unit(measured_in), paper.vertical_numbers()))
-        paper.mark_scale_without_zero()
-        _side_labels(paper, without_common_end([line.label for line in lines]))
-        paper.seconds()
-        return paper.drawn(name)
+    drawn = [envelope(line.times, line.values) for line in lines]
+    up = _open_flat_band(scale_range([*(values for _, values in drawn), np.asarray(levels)], 0.08))
+    paper = Sheet(Margins(height, bottom=0.30, top=0.24), span, up)
+    paper.shade(((phase.start, phase.end) for phase in phases[::2]), SHADE)
+    paper.horizontal_scale()
+    paper.heading(title, _joined(unit(measured_in), paper.vertical_scale()))
+    for index, (line, points) in enumerate(zip(lines, drawn, strict=True)):
+        color, dash = look(index, line.label)
+        # As `_wide`, and less so: the lines of a signal over time are dense.
+        wide = 0.9 + 0.8 * (len(lines) - 1 - index) / max(1, len(lines) - 1) if len(lines) > 1 else 1.0
+        paper.line(*points, Look(color, wide, dash))
+    for mark in marks:
+        paper.mark_across(mark, Look(ALARM, 0.8, (3, 2)))
+    for level in levels:
+        paper.mark_up(level, Look(ALARM, 0.8))
+    paper.mark_scale_without_zero()
+    _side_labels(paper, without_common_end([line.label for line in lines]))
+    paper.seconds()
+    return paper.drawn(name)
 
 
 def strips(
     name: str, rows: Sequence[tuple[str, Sequence[tuple[float, float, str]]]], span: tuple[float, float]
 ) -> str:
     """Return rows of named intervals over time: the phases, and every signal whose values have names."""
-    with sheet(Margins(0.23 * len(rows) + 0.30, bottom=0.28, top=0.02)) as paper:
-        axes = paper.axes
-        axes.set_xlim(*span)
-        axes.set_ylim(len(rows) - 0.5, -0.5)
-        axes.spines["left"].set_visible(False)
-        points = (WIDTH_IN - LEFT_IN - RIGHT_IN) * 72 / (span[1] - span[0])
-        # Two tones take turns, so that neighbours stay apart even in a poor copy.
-        tones: tuple[list[Box], list[Box]] = ([], [])
-        for row, (label, stretches) in enumerate(rows):
-            for index, (start, end, text) in enumerate(stretches):
-                tones[index % 2].append((start, row - 0.41, end, row + 0.41))
-                if text and len(text) * 5.4 + 3 <= (end - start) * points:
-                    middle = paper.x((start + end) / 2)
-                    paper.write(middle, paper.y(row) + 7 * OF_WORDS, text, size=7, anchor="middle", color=INK)
-            paper.write(_right_of_axes(paper, 1.012), paper.y(row) + 8 * OF_WORDS, label)
-        for boxes, tone in zip(tones, ("#d6e4ef", "#eaf1f6"), strict=True):
-            paper.fill(boxes, tone, zorder=1)
-        paper.horizontal_numbers(lines=False)
-        paper.seconds()
-        return paper.drawn(name)
+    paper = Sheet(Margins(0.23 * len(rows) + 0.30, bottom=0.28, top=0.02), span, (len(rows) - 0.5, -0.5))
+    points = (WIDTH_IN - LEFT_IN - RIGHT_IN) * 72 / (span[1] - span[0])
+    # Two tones take turns, so that neighbours stay apart even in a poor copy.
+    tones: tuple[list[Box], list[Box]] = ([], [])
+    for row, (_, stretches) in enumerate(rows):
+        for index, (start, end, _) in enumerate(stretches):
+            tones[index % 2].append((start, row - 0.41, end, row + 0.41))
+    for boxes, tone in zip(tones, ("#d6e4ef", "#eaf1f6"), strict=True):
+        paper.fill(boxes, tone)
+    for row, (label, stretches) in enumerate(rows):
+        for start, end, text in stretches:
+            if text and len(text) * 5.4 + 3 <= (end - start) * points:
+                middle = paper.x((start + end) / 2)
+                paper.write(middle, paper.y(row) + 7 * OF_WORDS, text, size=7, anchor="middle", color=INK)
+        paper.write(_right_of_axes(paper, 1.012), paper.y(row) + 8 * OF_WORDS, label)
+    paper.horizontal_scale(lines=False)
+    paper.seconds()
+    return paper.drawn(name)
 
 
 def curve_panel(name: str, title: str, curves: Sequence[Curve]) -> str:
@@ -162,32 +150,33 @@ def curve_panel(name: str, title: str, curves: Sequence[Curve]) -> str:
     """
     x, y = curves[0].x, curves[0].y
     traces, pointed = curve_traces(curves), curves[0].kind == "sweep"
-    with sheet(CURVE) as paper:
-        axes = paper.axes
-        for trace in traces:
-            axes.add_line(_curve_line(trace, trace.xs, trace.ys, pointed=pointed))
-            _error_bars(axes, trace)
-        axes.autoscale_view()
-        if is_over_decades(curves):
-            _over_decades(axes, labelled_frequencies(curves))
-        axes.margins(0.05)
-        paper.heading(title, _joined(primed(y.label), unit(y.unit), paper.vertical_numbers()))
-        paper.mark_scale_without_zero()
-        foot = _joined(x.label, unit(x.unit), paper.horizontal_numbers())
-        paper.write(paper.right, paper.bottom + 21.96, foot, size=8.5, anchor="end")
-        if len(traces) > 1:
-            _labels_below(paper, traces, pointed=pointed)
-        return paper.drawn(name)
+    logarithmic = is_over_decades(curves)
+    ends = [
+        (trace.ys - trace.expanded, trace.ys + trace.expanded)
+        for trace in traces
+        if trace.expanded is not None
+    ]
+    across = scale_range((trace.xs for trace in traces), 0.05, logarithmic=logarithmic)
+    up = scale_range([*(trace.ys for trace in traces), *(end for pair in ends for end in pair)], 0.05)
+    paper = Sheet(CURVE, across, up, logarithmic=logarithmic)
+    paper.heading(title, _joined(primed(y.label), unit(y.unit), paper.vertical_scale()))
+    ticks = labelled_frequencies(curves) if logarithmic else ()
+    foot = _joined(x.label, unit(x.unit), paper.horizontal_scale(ticks=ticks))
+    paper.write(paper.right, paper.bottom + 21.96, foot, size=8.5, anchor="end")
+    for trace in traces:
+        paper.line(trace.xs, trace.ys, _look(trace, pointed=pointed))
+        _error_bars(paper, trace)
+    paper.mark_scale_without_zero()
+    if len(traces) > 1:
+        _labels_below(paper, traces, pointed=pointed)
+    return paper.drawn(name)
 
 
-def _curve_line(trace: Trace, xs: Any, ys: Any, *, pointed: bool, **rest: Any) -> Line2D:
-    from matplotlib.lines import Line2D
-
-    line = Line2D(xs, ys, color=trace.color, linestyle=_linestyle(trace.dash), linewidth=trace.width, **rest)
-    if pointed:
-        marker, size = ("_", 5.0) if trace.color == ALARM else ("o", 3.0 + 1.6 * trace.width)
-        line.set(marker=marker, markersize=size, markeredgecolor=trace.color)
-    return line
+def _look(trace: Trace, *, pointed: bool) -> Look:
+    line = Look(trace.color, trace.width, trace.dash)
+    if not pointed:
+        return line
+    return line._replace(bar=5.0) if trace.color == ALARM else line._replace(dot=4.0 + 1.6 * trace.width)
 
 
 def _labels_below(paper: Sheet, traces: Sequence[Trace], *, pointed: bool) -> None:
@@ -197,38 +186,20 @@ def _labels_below(paper: Sheet, traces: Sequence[Trace], *, pointed: bool) -> No
         wide = SWATCH + 4.0 + WORD_WIDTH * len(trace.label)
         if left > paper.left and left + wide > paper.right:
             left, down = paper.left, down + 12.0
-        across, up = paper.share(left, down)
-        end, _ = paper.share(left + SWATCH, down)
-        xs = (across, (across + end) / 2, end)
-        swatch = _curve_line(
-            trace, xs, (up, up, up), pointed=pointed, transform=paper.axes.transAxes, clip_on=False
-        )
-        swatch.set_markevery([1])
-        paper.axes.add_artist(swatch)
+        look = _look(trace, pointed=pointed)
+        paper.stroke((left, left + SWATCH), (down, down), look._replace(dot=0.0, bar=0.0))
+        paper.stroke([left + SWATCH / 2], [down], look)
         paper.write(left + SWATCH + 4.0, down + 8.0 * OF_WORDS, trace.label, size=8.0, color=INK)
         left += wide + 10.0
 
 
-def _error_bars(axes: Axes, trace: Trace) -> None:
+def _error_bars(paper: Sheet, trace: Trace) -> None:
     """Draw the expanded uncertainty of each point on both sides."""
     if trace.expanded is None:
         return
-    import numpy as np
-    from matplotlib.lines import Line2D
-
     low, high = trace.ys - trace.expanded, trace.ys + trace.expanded
     ends = np.column_stack((low, high, np.full_like(low, np.nan))).ravel()
-    places = np.repeat(trace.xs, 3)
-    axes.add_line(Line2D(places, ends, color=trace.color, linewidth=0.9, marker="_", markersize=7))
-
-
-def _over_decades(axes: Axes, ticks: Sequence[float]) -> None:
-    from matplotlib.ticker import FixedLocator, NullLocator
-
-    axes.set_xscale("log")
-    axes.xaxis.set_major_locator(FixedLocator(list(ticks)))
-    axes.xaxis.set_minor_locator(NullLocator())
-    plain_numbers(axes.figure)
+    paper.line(np.repeat(trace.xs, 3), ends, Look(trace.color, 0.9, bar=7.0))
 
 
 def is_over_decades(curves: Sequence[Curve]) -> bool:
@@ -259,14 +230,14 @@ def labelled_frequencies(curves: Sequence[Curve]) -> list[float]:
 
 def curve_traces(curves: Sequence[Curve]) -> list[Trace]:
     """Return the lines of a group of curves in display units, then their limits, each once."""
-    from matplotlib import colormaps
-    from matplotlib.colors import to_hex
-
     x, y = curves[0].x, curves[0].y
     traces = []
     for index, one in enumerate(curves):
         color, dash = look(index, one.name)
         if len(curves) > len(PALETTE):
+            from matplotlib import colormaps
+            from matplotlib.colors import to_hex
+
             # This many lines are legible on a scale from dark to light; neighbours are also distinguished by dashes.
             color = to_hex(colormaps["viridis"](0.88 * index / (len(curves) - 1)))
             dash = (DASH, ())[index % 2]
@@ -284,14 +255,10 @@ def curve_traces(curves: Sequence[Curve]) -> list[Trace]:
 
 
 def _display(numbers: Sequence[float | None], axis: Axis) -> Numbers:
-    import numpy as np
-
     return np.array([np.nan if n is None else axis.shown(n) for n in numbers])
 
 
 def _expanded(one: Curve) -> Numbers | None:
-    import numpy as np
-
     if not one.expanded:
         return None
     return np.array([np.nan if n is None else n / one.y.scale for n in one.expanded])
@@ -362,36 +329,19 @@ def without_common_end(labels: Sequence[str]) -> list[str]:
     return list(labels)
 
 
-def _linestyle(dash: tuple[float, ...]) -> Any:
-    return (0, dash) if dash else "solid"
-
-
 def _side_labels(paper: Sheet, labels: Sequence[str]) -> None:
     """Write names next to the lines, in their colours, which is easier to read than a legend."""
-    from matplotlib.lines import Line2D
-
     first = paper.top + 0.05 * (paper.bottom - paper.top)
+    ends = [_right_of_axes(paper, share) for share in (1.012, 1.042)]
     for index, label in enumerate(labels):
         color, dash = look(index, label)
         down = first + index * 0.165 * 72
-        _, share = paper.share(0.0, down)
-        swatch = Line2D(
-            [1.012, 1.042],
-            [share, share],
-            transform=paper.axes.transAxes,
-            color=color,
-            linestyle=_linestyle(tuple(0.6 * n for n in dash)),
-            linewidth=2,
-            clip_on=False,
-        )
-        paper.axes.add_artist(swatch)
+        paper.stroke(ends, (down, down), Look(color, 2.0, [0.6 * n for n in dash]))
         paper.write(_right_of_axes(paper, 1.05), down + 8.5 * OF_WORDS, label, size=8.5, color=INK)
 
 
-def _open_flat_band(paper: Sheet) -> None:
+def _open_flat_band(up: Range) -> Range:
     """Widen the scale of a nearly constant signal, so that its noise does not fill the panel."""
-    low, high = paper.axes.get_ylim()
-    least = 0.02 * max(abs(low), abs(high))
-    if high - low < least:
-        middle = (low + high) / 2
-        paper.axes.set_ylim(middle - least / 2, middle + least / 2)
+    low, high = up
+    middle, half = (low + high) / 2, 0.01 * max(abs(low), abs(high))
+    return (middle - half, middle + half) if high - low < 2 * half else up

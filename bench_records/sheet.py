@@ -1,33 +1,42 @@
-"""Axes that drawings of one size share: matplotlib draws their contents, and this module sets the text around them.
+"""Axes of a drawing as SVG: scales with their numbers, lines, points and filled areas.
 
-The text is text of the page, in the font of the page. matplotlib would measure each word in its own font to place it,
-which took two thirds of the time of a drawing. The page only needs the start, the end or the middle of a text.
+The text is text of the page, in the font of the page, and only needs the start, the end or the middle of each text.
 """
 
 from __future__ import annotations
 
 import html
 import math
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from functools import cache
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple
 
-from bench_records.plots import HAIR, INK, LEFT_IN, RIGHT_IN, SOFT, WIDTH_IN, panel, style, svg
+import numpy as np
+
+from bench_records.plots import HAIR, INK, LEFT_IN, RIGHT_IN, SOFT, WIDTH_IN, number
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
-    from matplotlib.figure import Figure
+    import numpy.typing as npt
+
+    Numbers = npt.NDArray[np.float64]
 
 #: A rectangle: left, low, right, high.
 Box = tuple[float, float, float, float]
+#: Lowest and highest value of a scale.
+Range = tuple[float, float]
 
 #: Distance down to the baseline, in font sizes: from the middle of a digit, of a word, from the upper edge of a line.
 OF_FIGURES, OF_WORDS, FROM_ABOVE = 0.38, 0.26, 0.76
 #: Between the scale and its numbers, in points.
 GAP = 3.5
 NUMBERS = 8.0
+#: Lines and areas are drawn in tenths of a point, which is finer than the eye resolves and short to write.
+FINE: Final = 10
+#: Steps between the numbers of a scale, in powers of ten, with their further decimals.
+STEPS: Final = ((1.0, 0), (2.0, 0), (2.5, 1), (5.0, 0), (10.0, -1))
+#: Most intervals between the numbers of the horizontal and the vertical scale.
+ACROSS, UP = 9, 5
+#: Larger values are gaps, because the range of a scale must be finite.
+LARGEST: Final = 1e300
 
 
 class Margins(NamedTuple):
@@ -41,30 +50,44 @@ class Margins(NamedTuple):
     top: float = 0.3
 
 
+class Look(NamedTuple):
+    """How a line is drawn: dashes in widths of the line; sizes of the dot and of the bar at each point in points."""
+
+    color: str
+    width: float
+    dash: Sequence[float] = ()
+    dot: float = 0.0
+    bar: float = 0.0
+
+
+GRID: Final = Look(HAIR, 0.6)
+SCALE: Final = Look("#9aa3ab", 0.7)
+
+
 class Sheet:
-    """One drawing: ``axes`` for matplotlib, and texts with positions in points from the upper left corner."""
+    """One drawing, with positions in points from the upper left corner; ``across`` and ``up`` are its scales' ranges.
 
-    def __init__(self, figure: Figure, axes: Axes, margins: Margins) -> None:
-        self._figure, self.axes = figure, axes
-        self.left, self.right = 72 * margins.left, 72 * (margins.width - margins.right)
-        self.top, self.bottom = 72 * margins.top, 72 * (margins.height - margins.bottom)
-        self._words: list[str] = []
+    Later parts are drawn over earlier ones.
+    """
 
-    def x(self, value: float) -> float:
-        """Return the horizontal position of a value in points."""
-        low, high = self.axes.get_xlim()
-        if self.axes.get_xscale() == "log":
-            low, high, value = math.log(low), math.log(high), math.log(value)
+    def __init__(self, margins: Margins, across: Range, up: Range, *, logarithmic: bool = False) -> None:
+        self._width, self._height = 72 * margins.width, 72 * margins.height
+        self.left, self.right = 72 * margins.left, self._width - 72 * margins.right
+        self.top, self.bottom = 72 * margins.top, self._height - 72 * margins.bottom
+        self._across, self._up, self._logarithmic = across, up, logarithmic
+        self._parts: list[str] = []
+
+    def x(self, value: Any) -> Any:
+        """Return the horizontal position of a value, or of an array of values, in points."""
+        low, high = self._across
+        if self._logarithmic:
+            low, high, value = math.log(low), math.log(high), np.log(value)
         return self.left + (value - low) / (high - low) * (self.right - self.left)
 
-    def y(self, value: float) -> float:
-        """Return the vertical position of a value in points."""
-        low, high = self.axes.get_ylim()
+    def y(self, value: Any) -> Any:
+        """Return the vertical position of a value, or of an array of values, in points."""
+        low, high = self._up
         return self.bottom - (value - low) / (high - low) * (self.bottom - self.top)
-
-    def share(self, x: float, y: float) -> tuple[float, float]:
-        """Return a place, given in points, as shares of the width and the height of the axes."""
-        return (x - self.left) / (self.right - self.left), (self.bottom - y) / (self.bottom - self.top)
 
     def write(
         self,
@@ -80,17 +103,17 @@ class Sheet:
         """Add a text at ``y`` that begins, ends or has its middle at ``x``."""
         weight = "font-weight: 700; " if bold else ""
         look = f"{weight}font-size: {size:g}px; text-anchor: {anchor}; fill: {color}"
-        self._words.append(f'<text style="{look}" x="{x:.2f}" y="{y:.2f}">{html.escape(text)}</text>')
+        self._parts.append(f'<text style="{look}" x="{x:.2f}" y="{y:.2f}">{html.escape(text)}</text>')
 
     def mark_scale_without_zero(self) -> None:
         """Draw a zigzag on the vertical scale, at the end toward zero, if the scale does not include zero."""
-        low, high = self.axes.get_ylim()
+        low, high = self._up
         if low <= 0.0 <= high:
             return
         y = self.bottom - 9 if low > 0.0 else self.top + 1
         zigzag = f"M{self.left:.2f} {y:.2f}l-3 2l6 2l-6 2l3 2"
         ground = f"M{self.left:.2f} {y:.2f}v8"
-        self._words.append(
+        self._parts.append(
             f'<g class="no-zero" fill="none"><title>the scale does not begin at zero</title>'
             f'<path d="{ground}" stroke="#fff" stroke-width="2"/><path d="{zigzag}" stroke="{SOFT}"/></g>'
         )
@@ -100,89 +123,140 @@ class Sheet:
         self.write(self.left, self.top - 5, title, size=9.5, color=INK, bold=True)
         self.write(self.right, self.top - 5, measured, size=8.5, anchor="end")
 
-    def horizontal_numbers(self, *, lines: bool = True) -> str:
-        """Add the numbers of the horizontal scale, with lines above them; return their common factor, if any."""
-        places, factor = _ticks(self.axes.xaxis)
+    def horizontal_scale(self, *, lines: bool = True, ticks: Sequence[float] = ()) -> str:
+        """Add the horizontal scale with its numbers, and lines above them; return their common factor, if any.
+
+        Without ``ticks``, the values that have a number, equidistant ones are found.
+        """
+        places, factor = _ticks(*self._across, ACROSS) if not ticks else ([(n, number(n)) for n in ticks], "")
         for value, text in places:
             self.write(self.x(value), self.bottom + GAP + FROM_ABOVE * NUMBERS, text, anchor="middle")
-        if lines:
-            self._rule([((value, 0.0), (value, 1.0)) for value, _ in places], self.axes.get_xaxis_transform())
+            if lines:
+                self.mark_across(value, GRID)
+        self.stroke((self.left, self.right), (self.bottom, self.bottom), SCALE)
         return factor
 
-    def vertical_numbers(self) -> str:
-        """Add the numbers of the vertical scale, with lines next to them; return their common factor, if any."""
-        places, factor = _ticks(self.axes.yaxis)
+    def vertical_scale(self) -> str:
+        """Add the vertical scale with its numbers, and lines next to them; return their common factor, if any."""
+        places, factor = _ticks(*self._up, UP)
         for value, text in places:
             self.write(self.left - GAP, self.y(value) + OF_FIGURES * NUMBERS, text, anchor="end")
-        self._rule([((0.0, value), (1.0, value)) for value, _ in places], self.axes.get_yaxis_transform())
+            self.mark_up(value, GRID)
+        self.stroke((self.left, self.left), (self.bottom, self.top), SCALE)
         return factor
+
+    def mark_across(self, value: float, look: Look) -> None:
+        """Draw a vertical line at a value of the horizontal scale."""
+        self.stroke([self.x(value)] * 2, (self.bottom, self.top), look)
+
+    def mark_up(self, value: float, look: Look) -> None:
+        """Draw a horizontal line at a value of the vertical scale."""
+        self.stroke((self.left, self.right), [self.y(value)] * 2, look)
 
     def seconds(self) -> None:
         """Add the unit "s" next to the last number of the scale, where there is free space."""
         self.write(self.right + 9, self.bottom + 3.2 + FROM_ABOVE * NUMBERS, "s")
 
-    def fill(self, boxes: Sequence[Box], color: str, **rest: Any) -> None:
-        """Fill rectangles as one shape; they do not affect the limits of the axes."""
-        corners = [[(x0, y0), (x0, y1), (x1, y1), (x1, y0), (x0, y0)] for x0, y0, x1, y1 in boxes]
-        self._shape(corners, closed=True, facecolor=color, linewidth=0, **rest)
+    def fill(self, boxes: Iterable[Box], color: str) -> None:
+        """Fill rectangles, given by values, as one shape."""
+        parts = []
+        for x0, y0, x1, y1 in boxes:
+            left, low, right, high = (
+                round(FINE * n) for n in (self.x(x0), self.y(y0), self.x(x1), self.y(y1))
+            )
+            parts.append(f"M{left} {low}V{high}H{right}V{low}z")
+        self._shape("".join(parts), f'fill="{color}"')
+
+    def shade(self, stretches: Iterable[tuple[float, float]], color: str) -> None:
+        """Fill the whole height between two values of the horizontal scale."""
+        self.fill(((start, self._up[0], end, self._up[1]) for start, end in stretches), color)
+
+    def line(self, xs: Any, ys: Any, look: Look) -> None:
+        """Draw a line through values; a NaN is a gap, as is a place beside the horizontal scale."""
+        xs, ys = (np.where(abs(one) < LARGEST, one, np.nan) for one in (np.asarray(xs), np.asarray(ys)))
+        xs = np.where((xs < self._across[0]) | (xs > self._across[1]), np.nan, xs)
+        self.stroke(self.x(xs), self.y(ys), look)
+
+    def stroke(self, xs: Any, ys: Any, look: Look) -> None:
+        """Draw a line through positions in points, as `line` does through values."""
+        points = np.rint(FINE * np.column_stack((xs, ys)))
+        places = (
+            points[np.isfinite(points).all(axis=1)].astype(np.int64).tolist() if look.dot or look.bar else ()
+        )
+        dashes = " ".join(f"{FINE * look.width * n:g}" for n in look.dash)
+        dashed = f' stroke-dasharray="{dashes}"' if dashes else ' stroke-linecap="square"'
+        style = (
+            f'fill="none" stroke="{look.color}" stroke-linejoin="round" stroke-width="{FINE * look.width:g}"'
+        )
+        self._shape(_path(points), style + dashed)
+        if look.dot:
+            dots = "".join(f'<circle cx="{x}" cy="{y}" r="{FINE * look.dot / 2:g}"/>' for x, y in places)
+            self._parts.append(f'<g transform="scale({1 / FINE})" fill="{look.color}">{dots}</g>')
+        if look.bar:
+            half = round(FINE * look.bar / 2)
+            bars = "".join(f"M{x - half} {y}h{2 * half}" for x, y in places)
+            self._shape(bars, f'stroke="{look.color}" stroke-width="{FINE}"')
 
     def drawn(self, name: str) -> str:
         """Return the drawing as an SVG element for the page."""
-        lines, end, rest = svg(self._figure, name).rpartition("</svg>")
-        return lines + "\n".join([*self._words, end]) + rest
+        head = f'<svg class="plot" id="{name}" viewBox="0 0 {self._width:g} {self._height:g}" role="group">'
+        return "\n".join([head, *self._parts, "</svg>"])
 
-    def _rule(self, lines: Sequence[Sequence[tuple[float, float]]], transform: Any) -> None:
-        look = {"edgecolor": HAIR, "linewidth": 0.6, "capstyle": "projecting", "zorder": 0.5}
-        self._shape(lines, closed=False, fill=False, transform=transform, **look)
-
-    def _shape(self, parts: Sequence[Sequence[tuple[float, float]]], *, closed: bool, **look: Any) -> None:
-        from matplotlib.patches import PathPatch
-        from matplotlib.path import Path
-
-        if parts:
-            last = Path.CLOSEPOLY if closed else Path.LINETO
-            codes = [code for part in parts for code in (Path.MOVETO, *[Path.LINETO] * (len(part) - 2), last)]
-            self.axes.add_artist(PathPatch(Path([point for part in parts for point in part], codes), **look))
+    def _shape(self, path: str, style: str) -> None:
+        if path:
+            self._parts.append(f'<path transform="scale({1 / FINE})" {style} d="{path}"/>')
 
 
-@contextmanager
-def sheet(margins: Margins) -> Iterator[Sheet]:
-    """Yield a sheet to draw on; at the end its axes are cleared for the next drawing of this size.
+def scale_range(values: Iterable[Numbers], margin: float, *, logarithmic: bool = False) -> Range:
+    """Return the range of all finite values, widened by ``margin`` of it at both ends; equal values get a range."""
+    numbers = np.concatenate([np.ravel(one) for one in values] or [np.empty(0)])
+    numbers = numbers[abs(numbers) < LARGEST]
+    if not numbers.size:
+        return 0.0, 1.0
+    low, high = float(numbers.min()), float(numbers.max())
+    if logarithmic:
+        by = (high / low) ** margin if high > low else 2.0
+        return low / by, high * by
+    largest = max(abs(low), abs(high))
+    by = margin * (high - low)
+    if high - low <= max(1e-12 * largest, 1 / LARGEST):
+        by = 0.05 * largest if largest > 1e-12 else 0.05
+    return low - by, high + by
 
-    Creating axes and their scales takes as long as drawing ten lines in them.
+
+def _ticks(low: float, high: float, most: int) -> tuple[list[tuple[float, str]], str]:
+    """Return the ticks of a scale within its range, with their numbers, and the common factor of all numbers.
+
+    There are at most ``most`` intervals of 1, 2, 2.5 or 5 times a power of ten.
     """
-    with style():
-        figure, axes = _shared(margins)
-        before = set(axes.get_children())
-        axes.relim()
-        axes.autoscale()
-        try:
-            yield Sheet(figure, axes, margins)
-        finally:
-            if axes.get_xscale() != "linear":
-                axes.set_xscale("linear")
-            for artist in axes.get_children():
-                if artist not in before:
-                    artist.remove()
+    least = (high - low) / most
+    decade = math.floor(math.log10(least))
+    step, digits = next((n * 10.0**decade, m) for n, m in STEPS if n * 10.0**decade >= (1 - 1e-9) * least)
+    ticks = [step * n for n in range(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)]
+    power = math.floor(math.log10(max(map(abs, ticks))))
+    if -5 < power < 6:
+        power = 0
+    decimals = max(0, digits - decade + power)
+    texts = [f"{tick / 10.0**power:.{decimals}f}".replace("-", "\u2212") for tick in ticks]
+    return list(zip(ticks, texts, strict=True)), f"1e{power}".replace("-", "\u2212") if power else ""
 
 
-@cache
-def _shared(margins: Margins) -> tuple[Figure, Axes]:
-    figure, axes = panel(*margins)
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_visible(False)  # its numbers are words
-    return figure, axes
-
-
-def _ticks(axis: Axis) -> tuple[list[tuple[float, str]], str]:
-    """Return the ticks of a scale within its range, with their numbers, and the common factor of all numbers."""
-    low, high = sorted(axis.get_view_interval())
-    slack = 1e-9 * (high - low)
-    places, formatter = axis.get_majorticklocs().tolist(), axis.get_major_formatter()
-    texts = formatter.format_ticks(places)
-    inside = [
-        (place, text)
-        for place, text in zip(places, texts, strict=True)
-        if low - slack <= place <= high + slack
-    ]
-    return inside, formatter.get_offset()
+def _path(points: Numbers) -> str:
+    """Return the SVG path through whole numbers, shape (n, 2), without the points within straight lines."""
+    known = np.isfinite(points).all(axis=1)
+    ends = np.flatnonzero(np.diff(known)) + 1
+    parts = []
+    for part in np.split(points, ends)[0 if known[:1].all() else 1 :: 2]:
+        piece = part.astype(np.int64)
+        steps = np.diff(piece, axis=0)
+        moved = np.flatnonzero(steps.any(axis=1))
+        if not moved.size:
+            continue
+        before, after = steps[moved[:-1]], steps[moved[1:]]
+        turns = (before[:, 0] * after[:, 1] != before[:, 1] * after[:, 0]) | (
+            (before * after).sum(axis=1) < 0
+        )
+        corners = piece[np.concatenate(([0], moved[1:][turns], [len(piece) - 1]))]
+        lines = " ".join(map(str, np.diff(corners, axis=0).ravel().tolist())).replace(" -", "-")
+        parts.append(f"M{corners[0, 0]} {corners[0, 1]}l{lines}")
+    return "".join(parts)

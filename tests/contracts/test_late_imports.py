@@ -15,7 +15,7 @@ INSIDE_FUNCTIONS = {
     "astb": 135,
     "astb_studies": 42,
     "bench_protocol": 4,
-    "bench_records": 96,
+    "bench_records": 86,
     "bench_sim": 4,
     "diagnosis": 8,
     "drivers": 21,

@@ -110,7 +110,8 @@ def test_uncertainties_of_points_are_drawn_and_passed_to_the_script() -> None:
     bare = sweep("K", [1.0, 2.0, 4.0], [3e3, 4e3, 5e3])
     (trace,) = curve_traces([known])
     assert trace.expanded is not None and trace.expanded[[0, 2]].tolist() == [0.1, 0.3]
-    assert len(curve_panel("a", "K", [known])) > len(curve_panel("a", "K", [bare]))
+    ends, none = (curve_panel("a", "K", [one]).count("h70") for one in (known, bare))
+    assert (ends, none) == (4, 0), "both ends of both known uncertainties"
     data = PlotData()
     data.add(Plot("sweep", "K", "x", "y", [trace, *curve_traces([bare])]))
     ((one, other),) = (plot["traces"] for plot in json.loads(data.json))
