@@ -10,7 +10,8 @@ from typing import Any, Final, TextIO
 from rich.console import Console
 from rich.text import Text
 
-from bench_protocol.input_limits import Unfit, read_toml
+from bench_protocol.input_limits import read_toml
+from bench_protocol.os_errors import file_errors
 from bench_protocol.runtime.own_process import forget_typed, in_the_foreground
 from test_plans.operator import (
     DONE,
@@ -141,12 +142,8 @@ def read_answers(path: Path) -> Script:
     """Return the answers in a TOML file: ``"text of the question, or its deed" = "answer"``, ``*`` for anything. Raises
     AnswersFileError for a file in another format.
     """
-    try:
+    with file_errors(f"answers {path}", AnswersFileError):
         content = read_toml(path)
-    except OSError as error:
-        raise AnswersFileError(f"answers {path} cannot be read: {error.strerror}; check the path") from None
-    except Unfit as error:
-        raise AnswersFileError(f"answers {path} {error}") from None
     for question, answer in content.items():
         if not isinstance(answer, str):
             raise AnswersFileError(

@@ -8,9 +8,10 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
-from bench_protocol.input_limits import Unfit, read_toml
+from bench_protocol.input_limits import read_toml
 from bench_protocol.misfit import misfit
 from bench_protocol.named_files import OF_A_RIG, ORDINARY_RIG, earlier, named_files, place_of
+from bench_protocol.os_errors import file_errors
 from bench_protocol.suggestion import did_you_mean
 from bench_sim.rig.spring_fmu.keys import SpringMap
 from drivers.wiring.astb.keys import Can, Modbus
@@ -185,14 +186,8 @@ def _parts(path: Path, like: str, above: tuple[Path, ...] = ()) -> tuple[dict[st
 
 
 def _content(path: Path) -> dict[str, Any]:
-    try:
+    with file_errors(f"rig file {path}", RigFileError):
         return read_toml(path)
-    except OSError as error:
-        raise RigFileError(
-            f"rig file {path} cannot be read: {error.strerror}; choose another rig with --rig"
-        ) from None
-    except Unfit as error:
-        raise RigFileError(f"rig file {path} {error}") from None
 
 
 def _placed(simulation: Simulation, home: Path) -> Simulation:

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, Final
 import cantools
 
 from bench_protocol import j1939
-from bench_protocol.input_limits import Unfit, check_dbc
-from bench_protocol.os_errors import reason
+from bench_protocol.input_limits import check_dbc
+from bench_protocol.os_errors import file_errors
 
 if TYPE_CHECKING:
     from cantools.database.can import Message as Coding
@@ -98,13 +98,9 @@ def read_dbc(path: Path, charset: str | None = None) -> Dbc:
 
     Without ``charset`` a byte order mark decides, then UTF-8 if all of the file is, else cp1252.
     """
-    try:
+    with file_errors(path, DbcError):
         check_dbc(path)
         text, found = _decoded(path, path.read_bytes(), charset)
-    except Unfit as error:
-        raise DbcError(f"{path} {error}") from None
-    except OSError as error:
-        raise DbcError(f"{path} cannot be read: {reason(error)}") from None
     logging.getLogger("cantools").setLevel(
         logging.ERROR
     )  # it reports of names that come twice; so do we, to a person

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import errno
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import MappingProxyType
 from typing import Final
+
+from bench_protocol.text import Unfit
 
 _REMEDIES: Final = MappingProxyType(
     {
@@ -32,3 +36,14 @@ def reason(error: BaseException) -> str:
     text = error_text(error)
     remedy = _REMEDIES.get(getattr(error, "errno", None) or 0)
     return f"{text}; {remedy}" if remedy else text
+
+
+@contextmanager
+def file_errors(file: object, kind: Callable[[str], BaseException]) -> Iterator[None]:
+    """Convert errors of reading a file inside the block to ``kind``; the text begins with ``file`` and has a remedy."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f"{file} cannot be read: {reason(error)}") from None
+    except Unfit as error:
+        raise kind(f"{file} {error}") from None

@@ -8,9 +8,9 @@ from typing import Final
 
 import msgspec
 
-from bench_protocol.input_limits import Unfit, read_bounded, read_toml
+from bench_protocol.input_limits import read_bounded, read_toml
 from bench_protocol.misfit import misfit
-from bench_protocol.os_errors import reason
+from bench_protocol.os_errors import file_errors
 from bench_records.layout import RecordError
 
 #: The variable of the environment that names the file for every report.
@@ -37,14 +37,10 @@ class Letterhead(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def read_letterhead(path: Path) -> Letterhead:
     """Return the letterhead in a TOML file. Raises RecordError with the key and its correction."""
-    content: object = {}
-    try:
+    with file_errors(f"letterhead {path}", RecordError):
         content = read_toml(path)
+    try:
         found = msgspec.convert(content, Letterhead)
-    except OSError as error:
-        raise RecordError(f"letterhead {path} cannot be read: {reason(error)}") from None
-    except Unfit as error:
-        raise RecordError(f"letterhead {path} {error}") from None
     except msgspec.ValidationError as error:
         raise RecordError(f"letterhead {path}: {misfit(error, content, Letterhead)}") from None
     return msgspec.structs.replace(found, logo=_picture(path, found.logo)) if found.logo else found
@@ -57,12 +53,8 @@ def _picture(path: Path, logo: str) -> str:
         raise RecordError(
             f"letterhead {path}: logo = {logo!r} is not a picture; use a file with the suffix {', '.join(_KINDS)}"
         )
-    try:
+    with file_errors(f"letterhead {path}: logo {picture}", RecordError):
         data = read_bounded(picture, LOGO_MAX)
-    except OSError as error:
-        raise RecordError(f"letterhead {path}: logo {picture} cannot be read: {reason(error)}") from None
-    except Unfit as error:
-        raise RecordError(f"letterhead {path}: logo {picture} {error}") from None
     if not data.startswith(_BEGINS.get(kind, b"")) or (kind == "image/svg+xml" and b"<svg" not in data):
         raise RecordError(
             f"letterhead {path}: the content of logo {picture} is not a {picture.suffix} picture; use another file"

@@ -15,7 +15,7 @@ import msgspec
 
 from bench_protocol.clock import utc_date
 from bench_protocol.input_limits import RESULT_BYTES, Unfit, read_bounded
-from bench_protocol.os_errors import reason
+from bench_protocol.os_errors import file_errors
 from bench_records.checksums import sha256_of
 from bench_records.disk import kept
 from bench_records.layout import RecordError
@@ -89,12 +89,8 @@ def _places(folder: Path) -> list[Path]:
 
 
 def _content(file: Path) -> bytes:
-    try:
+    with file_errors(file, RecordError):
         return read_bounded(file, FILE_MAX)
-    except OSError as error:
-        raise RecordError(f"{file} cannot be read: {reason(error)}") from None
-    except Unfit as error:
-        raise RecordError(f"{file} {error}") from None
 
 
 def notes_of(directory: Path) -> list[Note]:

@@ -17,8 +17,8 @@ from typing import Any
 
 import msgspec
 
-from bench_protocol.input_limits import RESULT_BYTES, Unfit, read_bounded
-from bench_protocol.os_errors import reason
+from bench_protocol.input_limits import RESULT_BYTES, read_bounded
+from bench_protocol.os_errors import file_errors
 from bench_records.conformity import SURE, conformity, coverage_factor, decimals, guard_factor, percent
 from bench_records.curves import Curve
 from bench_records.layout import RESULT, Condition, Phase, RecordError, put
@@ -414,12 +414,8 @@ def _outcome(checks: Sequence[Check], reason: str) -> tuple[Outcome, str]:
 def read_result(directory: Path | str) -> Result:
     """Return the ``result.json`` of a directory. Raises ``RecordError`` if it is missing or has another format."""
     path = Path(directory) / RESULT
-    try:
+    with file_errors(path, RecordError):
         data = read_bounded(path, RESULT_BYTES)
-    except OSError as error:
-        raise RecordError(f"{RESULT} in {directory} cannot be read: {reason(error)}") from error
-    except Unfit as error:
-        raise RecordError(f"{path} {error}") from None
     try:
         return Result.from_json(data)
     except RecordError as error:

@@ -13,8 +13,9 @@ from astb.api import find_plan
 from astb.campaigns.plan_case import PlanCase, by_key
 from astb.rig_file import SEED_MAX, FaultEntry, RigFileError, Simulation, find_rig
 from astb.session import build_rig
-from bench_protocol.input_limits import Unfit, read_toml
+from bench_protocol.input_limits import read_toml
 from bench_protocol.misfit import misfit
+from bench_protocol.os_errors import file_errors
 from test_plans.run import PlanError
 from test_plans.specimen import read_specimen
 
@@ -55,14 +56,8 @@ def read_campaign(path: Path) -> dict[str, PlanCase]:
     In ``values`` and ``change`` each entry of a list is a case. Paths are relative to the directory of the campaign
     file. Raises CampaignError with file, key and the correct form.
     """
-    try:
+    with file_errors(f"campaign file {path}", CampaignError):
         content = read_toml(path)
-    except OSError as error:
-        raise CampaignError(
-            f"campaign file {path} cannot be read: {error.strerror}; check the path"
-        ) from None
-    except Unfit as error:
-        raise CampaignError(f"campaign file {path} {error}") from None
     try:
         campaign = msgspec.convert(content, CampaignFile)
     except msgspec.ValidationError as error:

@@ -10,8 +10,8 @@ from astb.commands.completion import complete_settings, complete_specimens
 from astb.commands.lists import plans_named
 from astb.commands.options import out_option, pairs
 from astb.exit_codes import misuse
-from bench_protocol.input_limits import Unfit, read_toml
-from bench_protocol.os_errors import reason
+from bench_protocol.input_limits import read_toml
+from bench_protocol.os_errors import file_errors
 
 if TYPE_CHECKING:
     from test_plans.plan import Plan
@@ -89,12 +89,8 @@ def _values_for_plan(plan: str, given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
+    with file_errors(f"--with {path}", misuse):
         content = read_toml(path)
-    except OSError as error:
-        misuse(f"--with {path} cannot be read: {reason(error)}")
-    except Unfit as error:
-        misuse(f"--with {path} {error}")
     given: dict[str, Any] = {}
     for name, value in content.items():
         if isinstance(value, dict):

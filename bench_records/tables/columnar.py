@@ -14,6 +14,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from bench_protocol.input_limits import SAMPLES_BYTES, Unfit, check_expansion, check_shape, check_size
+from bench_protocol.os_errors import file_errors
 from bench_records.layout import RecordError
 from bench_records.tables.sheet import Column, Sheet
 from bench_records.tables.stamps import over_midnight
@@ -28,11 +29,11 @@ def read_columnar(path: Path, parquet: bool) -> Sheet:
     except Unfit as error:
         raise RecordError(f"{path} {error}") from None
     except (pa.ArrowException, OSError, ValueError, KeyError, struct.error):
-        raise RecordError(f"{path} is not a complete {'Parquet' if parquet else 'Arrow'} file") from None
-    try:
+        raise RecordError(
+            f"{path} is not a complete {'Parquet' if parquet else 'Arrow'} file; export it again"
+        ) from None
+    with file_errors(path, RecordError):
         columns = [_column(path, field, table.column(i)) for i, field in enumerate(table.schema)]
-    except Unfit as error:
-        raise RecordError(f"{path} {error}") from None
     sheet = Sheet(path, columns, np.arange(1, table.num_rows + 1), row_word="row")
     sheet.clock = _index(table, columns)
     return sheet

@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from bench_protocol.extras import lacking, no_destructor_errors
-from bench_protocol.input_limits import COLUMNS, SAMPLES_BYTES, Unfit, check_mdf, check_size
+from bench_protocol.input_limits import COLUMNS, SAMPLES_BYTES, check_mdf, check_size
+from bench_protocol.os_errors import file_errors
+from bench_protocol.suggestion import did_you_mean
 from bench_records.layout import SECOND, RecordError
 
 if TYPE_CHECKING:
@@ -47,24 +49,21 @@ def opened(path: Path) -> Iterator[Any]:
         from asammdf import MDF
     except ImportError:
         raise RecordError(f"{path}: {lacking('mdf', 'MDF files')}") from None
-    try:
+    with file_errors(path, RecordError):
         check_size(path, SAMPLES_BYTES)
         with path.open("rb") as file:
-            if file.read(3) not in (b"MDF", b"UnF"):
-                raise RecordError(f"{path} is not an MDF file: it does not begin with MDF")
-        with no_destructor_errors():
-            mdf = _made(MDF, path)
-    except Unfit as error:
-        raise RecordError(f"{path} {error}") from None
-    except OSError as error:
-        raise RecordError(f"{path} cannot be read: {error.strerror or 'no file'}") from None
+            begins = file.read(3)
+    if begins not in (b"MDF", b"UnF"):
+        raise RecordError(
+            f"{path} is not an MDF file: it does not begin with MDF; use the ending of its format"
+        )
+    with no_destructor_errors():
+        mdf = _made(MDF, path)
     if mdf is None:
-        raise RecordError(f"{path} is damaged, or asammdf cannot read this kind of MDF file")
+        raise RecordError(f"{path} is damaged, or asammdf cannot read this kind of MDF file; export it again")
     with mdf:
-        try:
+        with file_errors(path, RecordError):
             check_mdf(path, mdf.groups)
-        except Unfit as error:
-            raise RecordError(f"{path} {error}") from None
         yield mdf
 
 
@@ -78,7 +77,7 @@ def _made(kind: Any, path: Path) -> Any:
 def places(path: Path, mdf: Any, account: Account) -> list[ChannelPlace]:
     """Return every channel except clocks and bus frames, which the ``account`` counts."""
     if sum(len(group.channels) for group in mdf.groups) > COLUMNS:
-        raise RecordError(f"{path} has more than {COLUMNS} channels")
+        raise RecordError(f"{path} has more than {COLUMNS} channels; export fewer")
     found = []
     for number, group in enumerate(mdf.groups):
         if holds_frames(group):
@@ -118,9 +117,9 @@ def find(known: list[ChannelPlace], column: ColumnName, group: ColumnName | None
         )
     if named:
         groups = ", ".join(one.title for one in named)
-        raise RecordError(f'{where} = "{column}" is not in group {group!r}, but in {groups}')
-    names = ", ".join(sorted({one.name for one in known})) or "none"
-    raise RecordError(f'{where} = "{column}": there is no such channel; the file has the channels {names}')
+        raise RecordError(f'{where} = "{column}" is not in group {group!r}; its groups are {groups}')
+    names = sorted({one.name for one in known})
+    raise RecordError(f'{where} = "{column}" is not a channel of the file; {did_you_mean(column, names)}')
 
 
 def samples(
@@ -141,13 +140,15 @@ def samples(
     group = mdf.groups[place.group]
     master = mdf.masters_db.get(place.group)
     if master is None or getattr(group.channels[master], "sync_type", 1) not in _TIME:
-        raise RecordError(f"{where} has no clock in seconds")
+        raise RecordError(f"{where} has no clock in seconds; choose a channel of a group with one")
     if getattr(group.channels[place.index], "channel_type", 0) == _OF_ANY_LENGTH:
         raise RecordError(f"{where} has texts or bytes of variable length; choose a channel of numbers")
     try:
         signal = mdf.get(group=place.group, index=place.index, raw=raw)
     except Exception:  # asammdf has its own exception and raises others, too
-        raise RecordError(f"{where} cannot be read") from None
+        raise RecordError(
+            f"{where} cannot be read; export the file again, or choose another channel"
+        ) from None
     values, times = signal.samples, np.asarray(signal.timestamps, np.float64)
     lost = int(group.channel_group.cycles_nr) - len(times)
     account.leave_out("sample(s) that the file itself calls invalid", lost, f"{place.name}, {place.title}")

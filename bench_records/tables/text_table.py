@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from bench_protocol.input_limits import TABLE_BYTES, Unfit, check_text_table, read_bounded
+from bench_protocol.os_errors import file_errors
 from bench_protocol.text import UTF_8, WINDOWS, decode
 from bench_protocol.unit_names import is_unit, unit_in_name
 from bench_records.layout import RecordError
@@ -48,10 +49,8 @@ def read_text_table(path: Path, keys: FileKeys, wanted: Sequence[ColumnName], ac
     lines = text_lines(path, keys.encoding, account)
     _refuse_segments(path, lines)
     delimiter = keys.delimiter or _delimiter(lines, keys, wanted)
-    try:
+    with file_errors(path, RecordError):
         check_text_table(path, delimiter)
-    except Unfit as error:
-        raise RecordError(f"{path} {error}") from None
     start, head = _head(lines, keys, delimiter, wanted)
     if keys.skip_rows is None and start > bool(head):
         above = sum(bool(line.strip()) for line in lines[: start - bool(head)])
@@ -75,7 +74,7 @@ def _refuse_segments(path: Path, lines: Sequence[str]) -> None:
 
 def text_lines(path: Path, encoding: str, account: Account) -> list[str]:
     """Return the lines of a text file, without line ends. Raises RecordError if the file is not text."""
-    try:
+    with file_errors(path, RecordError):
         content = read_bounded(path, TABLE_BYTES)
         try:
             text, name = decode(content, encoding)
@@ -83,10 +82,6 @@ def text_lines(path: Path, encoding: str, account: Account) -> list[str]:
             if b"\0" not in content:
                 raise
             text, name = decode(_without_zeros(content, account), encoding)
-    except Unfit as error:
-        raise RecordError(f"{path} {error}") from None
-    except OSError as error:
-        raise RecordError(f"{path} cannot be read: {error.strerror or 'no file'}") from None
     if name == WINDOWS and not encoding:
         account.take('the text is not UTF-8 and is read as cp1252 (encoding = "cp1252")')
     elif name != UTF_8 and not encoding:

@@ -16,7 +16,8 @@ from xml.etree.ElementTree import iterparse
 from zipfile import BadZipFile
 
 from bench_protocol.extras import lacking
-from bench_protocol.input_limits import Unfit, open_archive
+from bench_protocol.input_limits import open_archive
+from bench_protocol.os_errors import file_errors
 from bench_protocol.suggestion import did_you_mean
 from bench_protocol.unit_names import BASES, base_exponents, written
 from bench_protocol.units import UNITS, Unit
@@ -122,14 +123,10 @@ def read_fmu(path: Path) -> Fmu:
     kind, and for an FMU without a library for this system.
     """
     fmpy = require_fmpy()
-    try:
+    with file_errors(f"the FMU {path}", FmuError):
         with open_archive(path, parsed={_DESCRIPTION}) as archive:
             files = archive.namelist()
         digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise FmuError(f"{path} cannot be read: {error.strerror}; check the path of the FMU") from None
-    except Unfit as error:
-        raise FmuError(f"{path} is not a readable FMU: the file {error}; export the model again") from None
     try:
         model = fmpy.read_model_description(str(path), validate=False)
         differences = _differences(path)

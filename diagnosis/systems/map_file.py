@@ -11,9 +11,9 @@ import msgspec
 
 from bench_protocol.account import Account
 from bench_protocol.dimensions import DimensionsError, read_dimensions
-from bench_protocol.input_limits import Unfit, read_toml
+from bench_protocol.input_limits import read_toml
 from bench_protocol.misfit import Misfits, converted
-from bench_protocol.os_errors import reason
+from bench_protocol.os_errors import file_errors
 from bench_records.layout import RecordError
 from bench_records.tables import reading
 from bench_records.tables.keys import ColumnName, FileKeys, Source, TimeSource
@@ -121,12 +121,8 @@ class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
 
 def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]:
     """Return the map and its system: the user's ``simulator`` if one is given."""
-    try:
+    with file_errors(map_path, DiagnosisError):
         content = read_toml(map_path)
-    except OSError as error:
-        raise DiagnosisError(f"{map_path}: cannot be read: {reason(error)}") from None
-    except Unfit as error:
-        raise DiagnosisError(f"{map_path} {error}") from None
     try:
         mapping = converted(content, Map)
     except Misfits as found:

@@ -13,7 +13,7 @@ from typing import BinaryIO, Final, NamedTuple, cast
 
 from bench_protocol.account import Account
 from bench_protocol.input_limits import LINE_BYTES, SAMPLES_BYTES, Unfit, check_expansion, check_size, size
-from bench_protocol.os_errors import reason
+from bench_protocol.os_errors import file_errors
 from drivers.can_files.frames import CanLogError
 
 ERRORS: Final = "error frame(s)"
@@ -74,15 +74,11 @@ class _Unpacked(gzip.GzipFile):
 
 def opened(path: Path) -> BinaryIO:
     """Open a log, and unpack gzip. Raises CanLogError for an unreadable or too long file."""
-    try:
+    with file_errors(path, CanLogError):
         check_size(path, SAMPLES_BYTES)
         with path.open("rb") as file:
             packed = file.read(2) == _GZIP
         return cast(BinaryIO, _Unpacked(path)) if packed else path.open("rb")
-    except Unfit as error:
-        raise CanLogError(f"{path} {error}") from None
-    except OSError as error:
-        raise CanLogError(f"{path} cannot be read: {reason(error)}") from None
 
 
 def lines_of(path: Path, account: Account) -> Iterator[Line]:

@@ -14,8 +14,8 @@ from typing import Any, Final
 
 import msgspec
 
-from bench_protocol.input_limits import Unfit, read_toml
-from bench_protocol.os_errors import reason
+from bench_protocol.input_limits import read_toml
+from bench_protocol.os_errors import file_errors
 from bench_protocol.signals import Kind, Signal
 from bench_protocol.suggestion import did_you_mean
 from bench_protocol.wires import Table
@@ -43,12 +43,8 @@ _NOT_MENTIONED: Final = "the wiring does not mention it"
 
 def read_description(path: Path, table: Table) -> Description:
     """Return the content of the wiring file ``path``."""
-    try:
+    with file_errors(f"wiring file {path}", WiringError):
         content = read_toml(path)
-    except OSError as error:
-        raise WiringError(f"wiring file {path} cannot be read: {reason(error)}") from None
-    except Unfit as error:
-        raise WiringError(f"wiring file {path} {error}") from None
     return describe(content, path, table, whole=True)
 
 

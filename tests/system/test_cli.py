@@ -186,7 +186,7 @@ BAD_ARGUMENTS = {
     "fly": "No such command 'fly'",
     "run": "Missing argument 'PLAN...'",
     "run aw9 --virtual": "there is no plan 'aw9'; did you mean 'aw3'?",
-    "run aw0 --rig nowhere.toml": "rig file nowhere.toml cannot be read: No such file or directory; choose another",
+    "run aw0 --rig nowhere.toml": "rig file nowhere.toml cannot be read: No such file or directory; check the path",
     "run aw0 --virtual --rig .": "there is no rig '.'",
     "run aw0 --specimen nowhere.toml": "specimen nowhere.toml cannot be read: nowhere.toml: No such file",
     "run aw0 --specimen nobody": "use astb, kuzyshyn_2024, or a path that ends in .toml",

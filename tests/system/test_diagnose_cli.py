@@ -74,7 +74,7 @@ ON_A_RIG = "investigate --out out --rig rig.toml"
         ("diagnose empty --out data.csv/out", "cannot be used for the results: Not a directory"),
         ("diagnose empty --out out --model nosuch", "nosuch"),
         ("diagnose empty --out out --seed -1", "-1 is not in the range"),
-        ("diagnose data.csv --out out --map nomap.toml", "nomap.toml: cannot be read"),
+        ("diagnose data.csv --out out --map nomap.toml", "nomap.toml cannot be read"),
         ("diagnose data.csv --out out --simulator nowhere:Gain", "there is no module nowhere in"),
         ("diagnose data.csv --out out --simulator nowhere", "does not name a class or function of a module"),
         (

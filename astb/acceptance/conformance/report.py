@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import msgspec
 
-from bench_protocol.input_limits import Unfit, read_bounded
-from bench_protocol.os_errors import reason
+from bench_protocol.input_limits import read_bounded
+from bench_protocol.os_errors import file_errors
 
 
 class ReportError(ValueError):
@@ -64,14 +64,14 @@ class Difference(NamedTuple):
 
 def read_report(path: Path) -> Report:
     """Return the report in the file ``path``. Raises ReportError if it cannot be read, or has another form."""
+    with file_errors(path, ReportError):
+        content = read_bounded(path)
     try:
-        return msgspec.json.decode(read_bounded(path), type=Report)
-    except OSError as error:
-        raise ReportError(f"{path} cannot be read: {reason(error)}") from None
-    except Unfit as error:
-        raise ReportError(f"{path} {error}") from None
+        return msgspec.json.decode(content, type=Report)
     except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
-        raise ReportError(f"{path} is not a report of `astb rig conform --json`: {error}") from None
+        raise ReportError(
+            f"{path} was not written by `astb rig conform --json`; use a file of it ({error})"
+        ) from None
 
 
 def differences(here: Report, there: Report) -> list[Difference]:

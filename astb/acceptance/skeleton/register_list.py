@@ -35,8 +35,8 @@ from astb.acceptance.skeleton.list_words import (
 from astb.acceptance.skeleton.points import DescribedPoint
 from astb.acceptance.skeleton.written_units import unit_of
 from bench_protocol.account import Account
-from bench_protocol.input_limits import DESCRIPTION_BYTES, Unfit, check_size
-from bench_protocol.os_errors import reason
+from bench_protocol.input_limits import DESCRIPTION_BYTES, check_size
+from bench_protocol.os_errors import file_errors
 from bench_records.layout import RecordError
 from bench_records.tables.text_table import cells_of, text_lines
 from drivers.errors import WiringError
@@ -102,12 +102,9 @@ def read_register_list(path: Path, transport: str = "plc", counting: Counting | 
     """
     account = Account()
     try:
-        check_size(path, DESCRIPTION_BYTES)
+        with file_errors(path, WiringError):
+            check_size(path, DESCRIPTION_BYTES)
         lines = text_lines(path, "", account)
-    except OSError as error:
-        raise WiringError(f"{path} cannot be read: {reason(error)}") from None
-    except Unfit as error:
-        raise WiringError(f"{path} {error}") from None
     except RecordError as error:
         raise WiringError(str(error)) from None
     rows, heads, notes = _rows(path, lines)
