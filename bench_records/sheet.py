@@ -243,7 +243,7 @@ def _ticks(low: float, high: float, most: int) -> tuple[list[tuple[float, str]],
 
 def _path(points: Numbers) -> str:
     """Return the SVG path through whole numbers, shape (n, 2), without the points within straight lines."""
-    known = np.isfinite(points).all(axis=1)
+    known = np.isfinite(points.sum(axis=1))
     ends = np.flatnonzero(np.diff(known)) + 1
     parts = []
     for part in np.split(points, ends)[0 if known[:1].all() else 1 :: 2]:
