@@ -38,31 +38,31 @@ _ALONE: Final = ", until it detects the loss of its commander: then it vents the
 
 
 @dataclass(frozen=True, slots=True)
-class _Known:
+class _AirState:
     """Present data: pressures (Pa) by side and name, reasons for missing pressures, and the state of the bench."""
 
     pressures: dict[str, dict[str, float]]
     silent: list[str]
     state: str  #: "" if it is unknown
-    why: str  #: reason why the state is unknown
+    reason: str  #: why the state is unknown
 
 
 def springs_are_empty(bench: Bench) -> bool:
     """Return whether every pressure of the springs is below `LIFTS`; False if one is missing or stale."""
-    return _empty(_know(bench))
+    return _empty(_read_state(bench))
 
 
 def zeros_off(bench: Bench) -> str:
-    """Return a text on pressure transducers with a zero error: joined chambers, of which only one reads pressure.
+    """Return a text on pressure transducers with a zero error: of two joined chambers only one reads a pressure.
 
     Joined chambers have the same pressure only at rest. The result is "" while air flows, or if the readings agree.
     Waits for `WATCHED` if two readings differ.
     """
-    before = _know(bench)
+    before = _read_state(bench)
     if not _contradictions(before):
         return ""
     bench.wait(WATCHED)
-    after = _know(bench)
+    after = _read_state(bench)
     for side, of_side in after.pressures.items():
         was = before.pressures[side]
         if any(abs(pressure - was.get(name, nan)) > PRESSURE_FALLS for name, pressure in of_side.items()):
@@ -70,8 +70,10 @@ def zeros_off(bench: Bench) -> str:
     return _contradictions(after)
 
 
-def _contradictions(known: _Known) -> str:
-    """Return a text on the pressures of joined chambers that differ by more than two intact transducers do."""
+def _contradictions(known: _AirState) -> str:
+    """Return a text on the pressures of joined chambers that differ by more than the tolerance of two intact
+    transducers.
+    """
     found = []
     for of_side in known.pressures.values():
         lowest = min(of_side, key=lambda name: of_side[name], default="")
@@ -88,8 +90,8 @@ def _contradictions(known: _Known) -> str:
 
 
 def air_left(bench: Bench) -> str:
-    """Return a text on the pressure of the springs; if they may hold air, with an instruction and the next steps."""
-    known = _know(bench)
+    """Return a text on the pressure of the springs, with an instruction and the next steps if they may hold air."""
+    known = _read_state(bench)
     if _empty(known):
         return f"the springs are without pressure ({_sides(known)})"
     if any(one >= LIFTS for of_side in known.pressures.values() for one in of_side.values()):
@@ -105,21 +107,21 @@ def air_at_risk(bench: Bench) -> str:
     return air_left(bench) if measured and not springs_are_empty(bench) else ""
 
 
-def _empty(known: _Known) -> bool:
+def _empty(known: _AirState) -> bool:
     pressures = [one for of_side in known.pressures.values() for one in of_side.values()]
     return not known.silent and bool(pressures) and all(one < LIFTS for one in pressures)
 
 
-def _becomes(bench: Bench, known: _Known) -> str:
+def _becomes(bench: Bench, known: _AirState) -> str:
     """Return a text on what the bench does with the air of the springs in its present state."""
     if not known.state:
-        return f"it is not known what the bench does with the air: {known.why}"
+        return f"it is not known what the bench does with the air: {known.reason}"
     fate = bench.wiring.sequences.air.get(known.state)
     alone = _ALONE if bench.lost and fate == "as ordered" else ""
     return _BECOMES[fate].format(state=known.state) + alone
 
 
-def _sides(known: _Known) -> str:
+def _sides(known: _AirState) -> str:
     of_side = {side: max(values.values()) for side, values in known.pressures.items() if values}
     return " and ".join(f"{pressure / bar:.2f} bar on the {side}" for side, pressure in of_side.items())
 
@@ -130,31 +132,31 @@ def _names(bench: Bench) -> dict[str, list[str]]:
     return {side: [name for name in of_side if not bench.lacks(name)] for side, of_side in names.items()}
 
 
-def _know(bench: Bench) -> _Known:
+def _read_state(bench: Bench) -> _AirState:
     """Return the received readings that are not stale; if their connection is lost, query the rig instead."""
     names = _names(bench)
-    told, why = _asked(bench, names) if bench.lost else _came(bench, names)
+    values, reasons = _polled(bench, names) if bench.lost else _received(bench, names)
     pressures = {
-        side: {name: told[name] for name in of_side if not isnan(told[name])}
+        side: {name: values[name] for name in of_side if not isnan(values[name])}
         for side, of_side in names.items()
     }
     silent = [f"nothing measures the pressure of the {side} spring" for side in SIDES if not names[side]]
-    silent += [why[name] for of_side in names.values() for name in of_side if isnan(told[name])]
-    code = told["rig.state"]
+    silent += [reasons[name] for of_side in names.values() for name in of_side if isnan(values[name])]
+    code = values["rig.state"]
     state = "" if isnan(code) else bench.table["rig.state"].choices[int(code)]
-    return _Known(pressures, silent, state, why["rig.state"])
+    return _AirState(pressures, silent, state, reasons["rig.state"])
 
 
-def _came(bench: Bench, names: dict[str, list[str]]) -> tuple[dict[str, float], dict[str, str]]:
+def _received(bench: Bench, names: dict[str, list[str]]) -> tuple[dict[str, float], dict[str, str]]:
     every = ["rig.state", *(name for of_side in names.values() for name in of_side)]
     return {name: bench.readings.value_or_nan(name) for name in every}, {
         name: bench.readings.show(name) for name in every
     }
 
 
-def _asked(bench: Bench, names: dict[str, list[str]]) -> tuple[dict[str, float], dict[str, str]]:
+def _polled(bench: Bench, names: dict[str, list[str]]) -> tuple[dict[str, float], dict[str, str]]:
     every = ["rig.state", *(name for of_side in names.values() for name in of_side)]
-    told = dict.fromkeys(every, nan)
+    values = dict.fromkeys(every, nan)
     with suppress(BenchError):
-        told |= bench.settings.readings(*every)
-    return told, {name: f"{name} cannot be read, for a connection is lost" for name in every}
+        values |= bench.settings.readings(*every)
+    return values, {name: f"{name} cannot be read, for a connection is lost" for name in every}

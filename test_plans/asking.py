@@ -1,4 +1,4 @@
-"""Questions of a run to its operator; the bench is commanded during the wait, and every wait has a timeout."""
+"""Questions of a run to its operator, with a timeout; the bench is still commanded during the wait."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ def answer_to(run: Asking, question: Question) -> Answer:
     """
     run.keep("prompt", question.text, answers=list(question.answers), within=question.within)
     run.follow(f"asked: {question.text}")
-    asked = run.now
+    start = run.now
     try:
         found = _put(run, question)
     except Unanswered as reason:
         run.keep("answer", f"none: {reason}")
         raise type(reason)(f"{question.text}: {reason}") from None
-    run.keep("answer", found.text, by=found.by, after=(run.now - asked) / NS)
+    run.keep("answer", found.text, by=found.by, after=(run.now - start) / NS)
     if found.text == ABORT:
         raise Aborted(f"{found.by} ended the run when asked: {question.text}")
     return found

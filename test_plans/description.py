@@ -60,8 +60,8 @@ class Description(Mapping[str, float]):
 
 
 def once_for_a_rig(follows: _Follows) -> _Follows:
-    """Cache the results for a `Description` and hashable arguments; for other mappings, which may change, compute them
-    again.
+    """Cache the results for a `Description` and hashable arguments; compute them again for other mappings, which can
+    change.
     """
 
     @wraps(follows)

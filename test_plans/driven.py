@@ -17,16 +17,16 @@ class Driven(NamedTuple):
     axis: str
     wave: str
     frequency: float
-    wanted: float
+    target: float
     command: float
     reached: float
     repetitions: int
-    phase: float | None = None  #: of the reached against the wanted motion (rad)
+    phase: float | None = None  #: of the reached motion relative to the target (rad)
 
     @property
     def title(self) -> str:
         """The group of its curves."""
-        of = f" of {self.wanted / mm:g} mm" if self.wave != TRACK else ", rms in octaves"
+        of = f" of {self.target / mm:g} mm" if self.wave != TRACK else ", rms in octaves"
         return f"Amplitude control: {self.axis} {self.wave}{of}"
 
 
@@ -52,7 +52,7 @@ def drive_curves(driven: Iterable[Driven]) -> list[Curve]:
             ("repetitions", count, f"{group}, repetitions", [float(one.repetitions) for one in waves]),
         ]
         if waves[0].wave == TRACK:
-            tables.insert(0, ("wanted", length, group, [one.wanted for one in waves]))
+            tables.insert(0, ("wanted", length, group, [one.target for one in waves]))
             phases = [one.phase or 0.0 for one in waves]
             tables.append(("phase", angle, f"{group}, phase", phases))
         found += [curve(name, frequency, y, xs, values, group=place) for name, y, place, values in tables]

@@ -81,7 +81,7 @@ def execute(
     used. Computed values have an uncertainty if the instruments of the bench are known.
 
     The verdict is *fail* if the product exceeded a limit, and *blocked* if rig, link, plan or operator prevented the
-    judgement. Tear-down runs in every case; its errors follow the earlier ones in the reason. KeyboardInterrupt is
+    judgement. Tear-down runs in every case; the reason lists its errors after the earlier ones. KeyboardInterrupt is
     raised again after all files are written, with a text on the air in the springs. ``bench_records.report`` makes the
     report from the directory.
     """
@@ -90,14 +90,14 @@ def execute(
     plan = plan.on(spring)
     facts = _facts(plan, spring, instruments, dimensions) | _clocks(bench) | dict(meta or {})
     recording = begin_recording(bench, directory, facts)
-    asked = operator or bench.hand or NoOperator()
+    hand = operator or bench.hand or NoOperator()
     run = Run(
         bench,
         recording,
         SafeWatcher(watcher or NullWatcher()),
         plan.lasts,
         spring,
-        asked,
+        hand,
         instruments,
         dimensions,
         suspension or Suspension(),
@@ -129,8 +129,8 @@ def _carried_out(
         first, last, interrupted = _perform(run, plan, stops)
         left = air_left(bench) if interrupted else air_at_risk(bench)
         strangers = bench.strangers()
-        for told in filter(None, (left, strangers)):
-            run.say(told)
+        for note in filter(None, (left, strangers)):
+            run.say(note)
         punctuality = timing(before, lateness(bench), run.disturbed)
         incident = incident_since(bench, known)
     run.progress(1.0)
@@ -148,7 +148,7 @@ def _carried_out(
 
 
 def blocked_by_the_link(result: Result) -> bool:
-    """Return whether the link to the rig, and not the bench, blocked a run."""
+    """Return whether the link to the rig blocked a run."""
     parts = result.reason.partition("; then ")[0].split("; ")
     return any(part.startswith(f"{WHOSE['link']}: ") for part in parts)
 
@@ -168,8 +168,8 @@ def _facts(plan: Plan, spring: Specimen, instruments: Instruments, dimensions: D
 
 def _clocks(bench: Bench) -> dict[str, Any]:
     """Return the entries of a record on the clocks of its time stamps, if known."""
-    told = clocks(bench)
-    return {"time_stamps": told} if told else {}
+    stamps = clocks(bench)
+    return {"time_stamps": stamps} if stamps else {}
 
 
 def _concluded(run: Run, plan: Plan, reason: str, **rest: Any) -> Result:
@@ -204,10 +204,10 @@ def _perform(run: Run, plan: Plan, stops: Interruptions) -> tuple[str, str, bool
         run.keep("error", trouble)
         return trouble, "", False
     run.warnings += run.instruments.troubles(today(run))
-    for told in run.warnings:
-        run.say(told)
+    for warning in run.warnings:
+        run.say(warning)
     attempt = partial(_attempt, run, stops, plan)
-    unmet, interrupted = attempt("preconditions", partial(_look_at, plan)) if plan.requires else ("", False)
+    unmet, interrupted = attempt("preconditions", partial(_require, plan)) if plan.requires else ("", False)
     if unmet:
         return unmet, "", interrupted
     first, interrupted = attempt("set-up", plan.bound(plan.setup))
@@ -218,13 +218,13 @@ def _perform(run: Run, plan: Plan, stops: Interruptions) -> tuple[str, str, bool
     return first, last, interrupted or again
 
 
-def _look_at(plan: Plan, run: Run) -> None:
+def _require(plan: Plan, run: Run) -> None:
     """Check the preconditions of ``plan``. Raises NotReady, with the remedy, if one is not met."""
-    unmet = [told for one in plan.requires if not one.armed for told in _unmet(run, one)]
+    unmet = [text for one in plan.requires if not one.armed for text in _unmet(run, one)]
     if not unmet and (armed := [one for one in plan.requires if one.armed]):
         try:
             run.bench.arm(within=ARM_WITHIN)
-            unmet = [told for one in armed for told in _unmet(run, one)]
+            unmet = [text for one in armed for text in _unmet(run, one)]
         except BaseException:
             with suppress(BenchError):  # the first error is reported
                 run.bench.disarm()
@@ -247,7 +247,7 @@ def _unmet(run: Run, one: Precondition) -> list[str]:
 def _written(result: Result, incident: Incident | None, directory: Path) -> Result:
     """Write the result, and the ``incident`` of the black box if any, to ``directory``; return the result.
 
-    If the disk refuses a file, the run is *blocked*, and the files that can be written give this reason.
+    If a file cannot be written, the run is *blocked*, and the other files contain this reason.
     """
     give_room(directory)
     if not (lost := _refused(result, incident, directory)):
@@ -349,14 +349,14 @@ def _attempt(
 
 
 def _hidden(error: BaseException) -> str:
-    """Return the errors of a tear-down before the last one, because all its steps are tried in any case."""
-    told: list[str] = []
+    """Return the earlier errors of a tear-down: each step runs even if the previous one failed."""
+    texts: list[str] = []
     before = error.__context__
     while before is not None:
-        if isinstance(before, BenchError) and str(before) not in "; ".join([str(error), *told]):
-            told.insert(0, f"{WHOSE[before.fault]}: {before}; ")
+        if isinstance(before, BenchError) and str(before) not in "; ".join([str(error), *texts]):
+            texts.insert(0, f"{WHOSE[before.fault]}: {before}; ")
         before = before.__context__
-    return "".join(told)
+    return "".join(texts)
 
 
 def _silent(bench: Bench) -> str:

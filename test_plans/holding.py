@@ -1,4 +1,4 @@
-"""Search of a plan's code for hold points: a plan is a program and has no list of them."""
+"""Search of a plan's code for hold points, because a plan is a program without a list of them."""
 
 import dis
 import sys

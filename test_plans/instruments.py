@@ -80,7 +80,7 @@ class Piece:
         return bool(today and self.holds_until and today > self.holds_until)
 
     def trouble(self, today: date | None) -> str:
-        """Return a text why the calibration is not valid ``today``; "" if it is. Without a date none has expired."""
+        """Return the reason why the calibration is not valid ``today``; "" if it is valid, or if ``today`` is None."""
         piece = f"{self.signal} ({self.instrument.type}, no. {self.serial_number})"
         if not self.certificate:
             return f"{piece} has no certificate of calibration"
@@ -147,7 +147,7 @@ def ordinary() -> Instruments:
 
 
 def read_instruments(name: str | Path, home: Path = Path()) -> Instruments:
-    """Return the instruments of a TOML file relative to ``home``, or the ones that come with the bench under this name.
+    """Return the instruments of a TOML file relative to ``home``, or the supplied ones with this name.
 
     Raises InstrumentsError, with file, key, value and unit, if the file cannot be read or has an invalid entry.
     """

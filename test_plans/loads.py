@@ -61,8 +61,8 @@ def within(expected: float, tolerance: float) -> Band:
 class Limits:
     """The limits in one table of a specimen's file, by name; ``where`` names file and table.
 
-    Limits in a table with the name of a plan are called ``plan.name`` here. Only the plan defines their quantity, so it
-    passes the ``unit`` that it expects.
+    Limits in a table with the name of a plan are called ``plan.name`` here. Only the plan knows their quantity, so it
+    passes the expected ``unit``.
     """
 
     where: str

@@ -119,7 +119,7 @@ class QuestionBox:
         self._lock = threading.Lock()
         self._question: Question | None = None
         self._answer: Answer | None = None
-        self._asked = 0  # start of the question, ns of the real clock
+        self._asked_at = 0  # start of the question, ns of the real clock
         self._clock = RealClock()
 
     @property
@@ -127,7 +127,7 @@ class QuestionBox:
         """Return the remaining time (s) of the question; None without one."""
         if (question := self.question) is None:
             return None
-        return max(0.0, question.within - (self._clock.now() - self._asked) / NS)
+        return max(0.0, question.within - (self._clock.now() - self._asked_at) / NS)
 
     @property
     def question(self) -> Question | None:
@@ -149,7 +149,7 @@ class QuestionBox:
 
     def ask(self, question: Question) -> None:
         with self._lock:
-            self._question, self._answer, self._asked = question, None, self._clock.now()
+            self._question, self._answer, self._asked_at = question, None, self._clock.now()
 
     def answer(self) -> Answer | None:
         with self._lock:
@@ -165,7 +165,7 @@ class FirstOf:
 
     def __init__(self, *operators: Operator) -> None:
         self._operators = operators
-        self._asked: Operator | None = None
+        self._chosen: Operator | None = None
 
     def ask(self, question: Question) -> None:
         reasons = []
@@ -175,17 +175,17 @@ class FirstOf:
             except Unanswered as reason:
                 reasons.append(str(reason))
             else:
-                self._asked = operator
+                self._chosen = operator
                 return
         raise Unanswered("; ".join(dict.fromkeys(reasons)) or "there is no operator to ask")
 
     def answer(self) -> Answer | None:
-        return self._asked.answer() if self._asked else None
+        return self._chosen.answer() if self._chosen else None
 
     def withdraw(self) -> None:
-        if self._asked:
-            self._asked.withdraw()
-        self._asked = None
+        if self._chosen:
+            self._chosen.withdraw()
+        self._chosen = None
 
 
 def _allowed(question: Question, text: str) -> str:

@@ -48,7 +48,9 @@ class Range:
 
 @dataclass(frozen=True, slots=True)
 class File:
-    """A description of a required file, and the names that need no file: ``File("a table of …", ("none",))``."""
+    """A parameter that names a file: its description, and values other than a file: ``File("a table of …",
+    ("none",))``.
+    """
 
     about: str
     names: tuple[str, ...]

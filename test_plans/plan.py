@@ -35,7 +35,7 @@ class Plan:
 
     The instruction is the docstring of the main part; its first line is the title. In both, ``{AW0.preload}`` stands
     for the preload of the specimen in that load case; :meth:`on` inserts the value. ``lasts`` is the duration in s of
-    the bench's time (0: unknown); it moves the progress bar and limits nothing. ``parameters`` are the parameters of
+    the bench's time (0: unknown); it only scales the progress bar. ``parameters`` are the parameters of
     the main part, ``values`` (SI) their present values. The plan is blocked before any motion if the rig lacks one of
     the signals ``needs``, or if one of the preconditions ``requires`` is not met. ``checks`` are the names of its
     checks, each with a sentence for readers of the plan.

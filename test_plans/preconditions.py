@@ -58,8 +58,8 @@ class Precondition:
 
 
 def supply(at_least: float) -> Precondition:
-    """Return the precondition that the air supply has at least the pressure ``at_least`` (Pa gauge), behind the main
-    valve.
+    """Return the precondition that the air supply has at least the pressure ``at_least`` (Pa gauge), downstream of the
+    main valve.
     """
 
     def look(run: Run) -> ConditionResult:
@@ -104,8 +104,7 @@ def on_the_bench(*loads: str) -> list[Precondition]:
 def gas(low: float, high: float) -> Precondition:
     """Return the precondition that the gas in the springs has a temperature between ``low`` and ``high`` (K).
 
-    At rest it has the temperature of the hall. Gas that an earlier run expanded or compressed has `COME_BACK` (s) to
-    return to it.
+    At rest it has the temperature of the hall. After an earlier run, wait up to `COME_BACK` (s) for this temperature.
     """
     span = f"{low - ICE:.3g} to {high - ICE:.3g} °C"
 
@@ -195,14 +194,14 @@ def rested(at_least: float) -> Precondition:
     """Return the precondition that the specimen has rested on this bench for a time (s), since the last run or
     connection.
 
-    For a new rig in virtual time this time is infinite.
+    A new rig in virtual time has rested for an infinite time.
     """
 
     def look(run: Run) -> ConditionResult:
         rest = _rest(run)
-        told = "since it was made" if rest == inf else f"{rest:.0f} s"
+        text = "since it was made" if rest == inf else f"{rest:.0f} s"
         good = rest >= at_least
-        return ConditionResult(good, told if good else f"{told}; wait {at_least - rest:.0f} s more")
+        return ConditionResult(good, text if good else f"{text}; wait {at_least - rest:.0f} s more")
 
     return Precondition(f"specimen at rest for {at_least:g} s", look)
 

@@ -98,8 +98,8 @@ def _wrong_words(part: Any, run: Run) -> Iterator[tuple[int, str]]:
                 yield start + node.lineno - 1, f"{ast.unparse(node)}: {did_you_mean(node.attr, public)}"
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
             yield from (
-                (start + node.lineno - 1, told)
-                for told in _wrong_arguments(node, _object(node.func.value, name, run), node.func.attr)
+                (start + node.lineno - 1, text)
+                for text in _wrong_arguments(node, _object(node.func.value, name, run), node.func.attr)
             )
 
 

@@ -24,10 +24,10 @@ _EDGES: Final = tuple(one.edge for one in LATENESS_BINS[:-1])
 def lateness(bench: Bench) -> dict[str, float] | None:
     """Return the rig's counters of late ticks; None if it has none or does not answer."""
     try:
-        told = bench.settings.readings(*_ACCOUNT)
+        counters = bench.settings.readings(*_ACCOUNT)
     except BenchError:
         return None
-    return None if any(map(math.isnan, told.values())) else told
+    return None if any(map(math.isnan, counters.values())) else counters
 
 
 def timing(
@@ -35,7 +35,7 @@ def timing(
 ) -> Timing | None:
     """Return the punctuality during the run: differences of counters; quantiles are the upper edges of their bins.
 
-    ``disturbed`` are the late ticks by name of the check that was measured meanwhile.
+    ``disturbed`` are the late ticks during the measurement of a check, by its name.
     """
     if before is None or after is None:
         return None

@@ -88,7 +88,7 @@ class Recording:
             self.failure = str(error)
 
     def _compare(self, times: list[int], rows: list[int], values: list[float]) -> None:
-        """Report every change; the cause arrives in the same frame as the resulting state, and is reported first."""
+        """Report every change. Cause and new state arrive in the same frame; the cause is reported first."""
         for time, row, value in sorted(
             zip(times, rows, values, strict=True), key=lambda one: (one[0], -one[1])
         ):

@@ -110,7 +110,7 @@ class NullWatcher:
 
 
 class SafeWatcher:
-    """Forwards calls to a watcher until one raises: a broken display must not prevent the tear-down of a run."""
+    """Forwards calls to a watcher until one x must not prevent the tear-down of a run."""
 
     def __init__(self, watcher: Watcher) -> None:
         self._watcher = watcher
@@ -185,7 +185,8 @@ class Run:
         note: str = "",
         since: int | None = None,
     ) -> bool:
-        """Judge ``value`` against its limits, all three in SI; return whether it passed. The plan goes on either way.
+        """Judge ``value`` against its limits, all three in SI; return whether it passed. The plan continues in both
+        cases.
 
         A `CheckName` as ``name`` adds a sentence that explains the measured quantity. A value with an uncertainty U
         passes if its probability of conformity is high enough. It is *marginal* if it is within the limits with a lower
@@ -209,8 +210,8 @@ class Run:
             # With this U even the middle of the band could not pass. A value outside by more than U still fails.
             if width < 2 * U and low - U <= found.value <= high + U:
                 shown = [f"{one / FACTORS[unit]:.3g} {unit}" for one in (found.value, U, width)]
-                why = "{} ± {} cannot be judged: the limits are only {} wide".format(*shown)
-                self.not_available([name], why)
+                reason = "{} ± {} cannot be judged: the limits are only {} wide".format(*shown)
+                self.not_available([name], reason)
                 return False
         if margin is None:
             margin = 0.0 if isinstance(found, Exact) else MARGIN
@@ -268,11 +269,11 @@ class Run:
 
     def lacks(self, *needs: str) -> str:
         """Return a text that names the missing signals and dimensions; "" if the rig has all."""
-        told = (
+        texts = (
             self.bench.lacks(*(name for name in needs if not is_dimension(name))),
             self.rig.lacks(*filter(is_dimension, needs)),
         )
-        return "; ".join(filter(None, told))
+        return "; ".join(filter(None, texts))
 
     def hold_point(self, where: str) -> bool:
         """Hold the run here, between two measurements, if a hold was requested; return whether it was held.
@@ -336,9 +337,9 @@ class Run:
         The bench is commanded and monitored during the wait. ``within`` (s) limits the wait. ``deed`` names the action
         that a simulated rig can perform without an operator (`Question`). The answer *abort* ends the run.
         """
-        asked = Question(question, tuple(answers), within, deed)
+        prompt = Question(question, tuple(answers), within, deed)
         try:
-            return answer_to(self, asked).text
+            return answer_to(self, prompt).text
         except Unanswered as reason:
             self.not_available(checks, str(reason))
             return ""

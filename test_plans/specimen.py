@@ -183,7 +183,7 @@ def packaged() -> list[str]:
 
 
 def read_specimen(name: str | Path) -> Specimen:
-    """Return the specimen of a TOML file, or the one that comes with the bench under this name.
+    """Return the specimen of a TOML file, or the supplied one with this name.
 
     Raises SpecimenError, with file, key, value and unit, if the file cannot be read or has an invalid entry.
     """

@@ -1,6 +1,6 @@
 """Measured tracks from tables: deviation of the rails from their nominal line, over distance or time.
 
-A table (CSV, Parquet, Arrow) with a column ``distance`` or ``time`` and some of ``vertical`` (up), ``lateral`` (to the
+The table (CSV, Parquet, Arrow) has a column ``distance`` or ``time`` and some of ``vertical`` (up), ``lateral`` (to the
 left), ``cant`` (height of the left rail above the right) and ``roll`` (left side up), each with its unit in the head,
 such as ``vertical [mm]``. Further columns are ignored.
 """
@@ -113,7 +113,7 @@ def read_track(path: Path) -> TrackRecord:
 
 
 def _plainly_named(sheet: Sheet) -> Sheet:
-    """Move the unit behind each column's name to the column's unit, and make the name lower case."""
+    """Move the unit in each column's name to the column's unit, and write the name in lower case."""
     for column in sheet.columns:
         if found := _NAMED.fullmatch(column.name):
             column.name = found["name"].lower()
@@ -125,8 +125,8 @@ def _clock(sheet: Sheet) -> str:
     found = [name for name in CLOCKS if sheet.places(name)]
     if len(found) == 1:
         return found[0]
-    said = "both" if found else "neither"
-    raise NoTrack(f"{sheet.path} has {said} of the columns distance and time; give exactly one of them")
+    which = "both" if found else "neither"
+    raise NoTrack(f"{sheet.path} has {which} of the columns distance and time; give exactly one of them")
 
 
 def _column(sheet: Sheet, name: str, si: str) -> Samples:
@@ -136,8 +136,8 @@ def _column(sheet: Sheet, name: str, si: str) -> Samples:
     right = ", ".join(one for one in ("mm", "m", "km", "s", "ms", "mrad", "rad") if _factor(one, si))
     factor = _factor(column.unit, si)
     if factor is None:
-        told = f"has the unit {column.unit!r}" if column.unit else "has no unit"
-        raise NoTrack(f'{where} {told}; use a head such as "{name} [{right.partition(",")[0]}]" ({right})')
+        text = f"has the unit {column.unit!r}" if column.unit else "has no unit"
+        raise NoTrack(f'{where} {text}; use a head such as "{name} [{right.partition(",")[0]}]" ({right})')
     if column.kind == "text":
         source = Source(column=index + 1)
         values = numbers(sheet, index, source, of_the_file(sheet, FileKeys(), [(index, source)]), None, where)

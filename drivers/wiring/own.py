@@ -34,16 +34,14 @@ def own_description(
 
     ``ports`` are the keys ``can`` and ``modbus`` of its transport.
     """
-    description = _read(table)
+    content = _read(table)
     if absent:
-        description = replace(
-            description, absent={**description.absent, **absent}, carried=description.carried - absent.keys()
+        content = replace(
+            content, absent={**content.absent, **absent}, carried=content.carried - absent.keys()
         )
     if ports:
-        description = replace(
-            description, transports={TRANSPORT: {**description.transports[TRANSPORT], **ports}}
-        )
-    return description
+        content = replace(content, transports={TRANSPORT: {**content.transports[TRANSPORT], **ports}})
+    return content
 
 
 def own_wiring(
@@ -55,5 +53,5 @@ def own_wiring(
     rig: str = "the rig",
 ) -> DescribedWiring:
     """Return the wiring of a rig that implements ``table``, over two open ports, which it closes."""
-    description = own_description(table=table, absent=absent)
-    return open_described(rig, description, {TRANSPORT: lambda: (can, modbus)})
+    content = own_description(table=table, absent=absent)
+    return open_described(rig, content, {TRANSPORT: lambda: (can, modbus)})

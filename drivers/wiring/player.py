@@ -229,14 +229,10 @@ class Player:
     # -- checks --------------------------------------------------------------------------------------------------
 
     def _possible(
-        self,
-        requested: Sequence[Mapping[str, float]],
-        modes: Mapping[str, float],
-        setpoints: Floats,
-        verb: str,
+        self, given: Sequence[Mapping[str, float]], modes: Mapping[str, float], setpoints: Floats, verb: str
     ) -> list[_Wave]:
-        """Return the waves of the settings ``requested``. Raises Refused if one of them, or their sum, is invalid."""
-        waves = [_Wave.of(settings, self._heights_of(settings, modes, verb)) for settings in requested]
+        """Return the waves of the settings ``given``. Raises Refused if one of them, or their sum, is invalid."""
+        waves = [_Wave.of(settings, self._heights_of(settings, modes, verb)) for settings in given]
         self._refuse_steep(waves, verb)
         self._refuse_far(waves, setpoints, verb)
         return waves

@@ -91,9 +91,9 @@ def distortion(times: Samples, motion: Samples, frequency: float, wave: Wave = "
     """Return the deviation of ``motion`` from a ``wave`` of ``frequency`` (Hz): rms of the residual over rms of the
     wave.
 
-    The residual is that of a fit of a line and the wave. The noise of a sensor gives 0.3 % at 5 mm. Several per cent
-    come from late set-points, or from an actuator that stops between them. The response of a spring to such stops is
-    part of its first harmonic and of its secant, but not of its stiffness at this frequency.
+    The residual is that of a fit of a line and the wave. The noise of a sensor gives 0.3 % at 5 mm. Late set-points, or
+    an actuator that stops between set-points, give several per cent. Such stops change the first harmonic and the
+    secant, so that both deviate from the stiffness at this frequency.
     """
     amplitude = first_harmonic(times, motion, frequency)
     if abs(amplitude) == 0.0:
@@ -126,8 +126,8 @@ def _harmonic_rows(times: bytes, frequency: float) -> Samples:
     """Return two rows of a pseudo-inverse, shape (2, n), which give the coefficients of cos ωt and sin ωt at ``times``
     (s).
 
-    They are cached: the pseudo-inverse is most of the computing time, and an uncertainty needs the same rows a hundred
-    times.
+    The rows are cached, because the pseudo-inverse takes most of the computing time, and an uncertainty needs the same
+    rows a hundred times.
     """
     t = np.frombuffer(times)
     columns = np.column_stack(
@@ -178,7 +178,9 @@ def straight_line(times: Samples, values: Samples) -> tuple[float, float]:
 
 @lru_cache(maxsize=16)
 def _about_the_mean(times: bytes) -> tuple[Samples, float]:
-    """Return ``times`` (s) less their mean, and the sum of their squares; an uncertainty needs the same ones often."""
+    """Return ``times`` (s) minus their mean, and the sum of the squares. Cached, because an uncertainty needs them
+    often.
+    """
     t = np.frombuffer(times)
     middle = t - t.mean()
     return middle, float(np.sum(middle**2))
@@ -206,9 +208,8 @@ def dynamic_stiffness(
 
 
 def without_drift(motion: Samples, force: Samples) -> Samples:
-    """Return ``force`` over a loop that ends at its start, without the line that joins both ends.
-
-    At the same position a spring with settled friction has the same force, so the difference is drift.
+    """Return the ``force`` of a closed loop without its linear drift.  At the start and at the end of the loop, the
+    position and the friction are the same. So the difference of the forces is drift.
     """
     edge = TURNING * (motion.max() - motion.min())
     if abs(motion[-1] - motion[0]) > edge:
@@ -254,9 +255,9 @@ def whole_cycles(
 ) -> npt.NDArray[np.bool_]:
     """Return a mask of the samples that belong to ``count`` whole cycles from the start of cycle ``first`` on.
 
-    ``cycle`` is the sampled number of cycles that the generator has completed. ``running`` states when it runs: before,
-    ``cycle`` belongs to the previous program. Raises NotMeasured if the generator never completed ``first`` cycles, or
-    if the samples end too early.
+    ``cycle`` is the sampled number of cycles that the generator has completed. ``running`` is True while it runs;
+    earlier values of ``cycle`` belong to the previous program. Raises NotMeasured if the generator never completed
+    ``first`` cycles, or if the samples end too early.
     """
     begun = np.flatnonzero(running & (cycle >= first))
     if begun.size == 0:

@@ -1,4 +1,4 @@
-"""Forces and moments on the bolster from the load cells, computed with the position and direction of each cell.
+"""Forces and moments on the bolster, computed from the load cells with their positions and directions.
 
 ``rig`` gives the dimensions (SI) by their names, as a `description.Description` does.
 """
@@ -68,8 +68,7 @@ def wrench(values: Mapping[str, Any], rig: Rig) -> tuple[Samples, ...]:
 def unseen(rig: Rig, cells: Iterable[str] | None = None) -> tuple[str, ...]:
     """Return the `PARTS` of a wrench that these ``cells`` (default: all described cells) cannot measure.
 
-    These parts are carried by a guide, or by the transverse stiffness of the cells: Aᵀn = 0 for a wrench n of that
-    part.
+    A guide, or the transverse stiffness of the cells, carries these parts: Aᵀn = 0 for a wrench n of that part.
     """
     columns = [column_of(rig, cell) for cell in (described(rig) if cells is None else cells)]
     if not columns:
@@ -85,15 +84,17 @@ def ahead_of(values: Mapping[str, Any], rig: Rig, force: str) -> tuple[Samples, 
 
     Their ratio gives the longitudinal position x of the force: M_y = −x F_z and M_z = x F_y.
     """
-    told = dict(zip(PARTS, wrench(values, rig), strict=True))
-    moment = -told["pitch moment"] if force == "force upward" else told["yaw moment"]
-    return told[force], moment
+    parts = dict(zip(PARTS, wrench(values, rig), strict=True))
+    moment = -parts["pitch moment"] if force == "force upward" else parts["yaw moment"]
+    return parts[force], moment
 
 
 def against_each_other(values: Mapping[str, Any], rig: Rig) -> dict[str, Samples]:
-    """Return the part of each reading in ``values`` (N) that has no resultant: An = 0 for such readings n.
+    """Return the part of each reading in ``values`` (N) without a resultant force or moment: An = 0 for such readings
+    n.
 
-    With four upright cells this is a twist, caused by a support that yields or is not in the plane of the others.
+    With four upright cells this part is a twist. It occurs if one support yields, or if it is not in the plane of the
+    others.
     """
     there = cells_in(values)
     columns = np.array([column_of(rig, cell) for cell in there]).T

@@ -1,8 +1,8 @@
 """Positions of the actuators for a pose, and displacements and forces of the springs from readings.
 
 Bolster and platform turn about their own axes, φ_B and φ_P. The shear of the springs is ``y = y_B + e φ_B − y_P + h
-φ_P`` and their roll ``θ = φ_B − φ_P``. The travel at the bump stop is ``y_B − y_P``. So bolster and platform together,
-when tilted, shear the springs further than the bump stop allows the bolster alone.
+φ_P`` and their roll ``θ = φ_B − φ_P``. The travel at the bump stop is ``y_B − y_P``. If bolster and platform tilt
+together, the springs can shear further than the bump stop permits for the bolster alone.
 
 ``rig`` gives the dimensions (SI) by their names, as a `description.Description` does.
 """
@@ -32,9 +32,7 @@ PLACING: Final = (*SEEING, *ACTUATORS, "stop_gap")
 
 
 def bolster_weight(rig: Rig) -> float:
-    """Return the weight of the bolster (N); it hangs on the actuators or rests on both springs as part of the
-    preload.
-    """
+    """Return the weight of the bolster (N), which the actuators carry, or both springs as a part of their preload."""
     return rig["bolster_mass"] * rig["gravity"]
 
 
@@ -92,9 +90,9 @@ def height_at(values: Mapping[str, Samples], rig: Rig, side: str, place: float) 
     """Return the height (m) that the laser of a side would measure at ``place``, a distance to the left of the middle
     (m).
     """
-    seen, beside = values[f"{side}.height"], place - rig[across(f"{side}.height")]
+    reading, offset = values[f"{side}.height"], place - rig[across(f"{side}.height")]
     both = all(f"{one}.height" in values for one in SIDES)
-    return seen + beside * roll_of(values, rig) if beside and both else seen
+    return reading + offset * roll_of(values, rig) if offset and both else reading
 
 
 def shear_of(values: Mapping[str, Any], rig: Rig) -> Samples:
@@ -151,8 +149,8 @@ class Drive:
     def command(self, amplitude: float, frequency: float, force: float) -> float:
         """Return the command amplitude (m) that moves the bolster by ``amplitude``, or as far as possible.
 
-        ``force`` (N) is the force that the actuator has left for the motion. At 25 Hz the piston reaches 0.7 of its
-        command, and resonance of the frame enlarges the motion of the bolster; the result is corrected for both.
+        ``force`` (N) is the force of the actuator that is available for the motion. At 25 Hz the piston reaches 0.7 of
+        its command, and resonance of the frame enlarges the motion of the bolster; the result is corrected for both.
         """
         omega = tau * frequency
         frame = complex(self.frame, omega * self.frame_damping)

@@ -98,7 +98,7 @@ def yes_or_no(so: bool) -> Exact:
 
 
 def timed(value: float, *steps: float) -> Measured:
-    """Return a time (s) between events, each of which is known only to within its sampling ``steps`` (s)."""
+    """Return a time (s) between two events with its uncertainty from the sampling intervals ``steps`` (s)."""
     found = Measured(value, 0.0)
     for step in steps:
         found = found.with_uncertainty(SAMPLING, 0.5 * EVEN * step, even=True)
@@ -106,7 +106,7 @@ def timed(value: float, *steps: float) -> Measured:
 
 
 class _Watched(Mapping[str, Any]):
-    """Readings that record the names of those that were used."""
+    """A mapping of readings that records the names of the readings that were used."""
 
     def __init__(self, readings: Captured) -> None:
         self._readings = readings
@@ -141,8 +141,8 @@ def measured(
     ``captures`` are readings (SI) by signal: samples of shape (n,) at ``rate`` (Hz), or means over ``averaged``
     samples; both are one number, or numbers by signal. A capture may also be the `Description` of the rig, because its
     dimensions are uncertain. ``came`` is the receive rate (Hz) of each signal: a signal slower than ``rate`` was
-    interpolated, and so was its noise. ``stamps`` are the time stamps of signals: signals with a shared clock have a
-    common delay. Set ``themselves`` if the errors of the instruments are the measured quantity; then only noise,
+    interpolated, so its noise is correlated. ``stamps`` are the time stamps of signals: signals with a shared clock
+    have a common delay. Set ``themselves`` if the errors of the instruments are the measured quantity; then only noise,
     resolution and dimensions contribute to the uncertainty.
 
     The value has no uncertainty if a used reading has no known instrument (statuses and choices have no error), if no
@@ -150,23 +150,23 @@ def measured(
     """
     watched = [_Watched(one) for one in captures]
     best = np.atleast_1d(np.asarray(evaluate(*watched), float))
-    asked = dict.fromkeys(name for one in watched for name in one.used)
-    used = [name for name in asked if name in TABLE.index and _can_err(name)]
+    names = dict.fromkeys(name for one in watched for name in one.used)
+    used = [name for name in names if name in TABLE.index and _can_err(name)]
     lacking = [name for name in used if name not in instruments.pieces]
-    if lacking or not any(name in TABLE.index for name in asked):
-        why = (
+    if lacking or not any(name in TABLE.index for name in names):
+        reason = (
             f"no instrument is known for {', '.join(lacking)}" if lacking else "it was computed of no reading"
         )
-        return tuple(Measured(float(value), unknown=why) for value in best)
+        return tuple(Measured(float(value), unknown=reason) for value in best)
     rates = rate if isinstance(rate, Mapping) else dict.fromkeys(used, rate)
     parts: dict[str, Samples] = {}
     even = np.zeros_like(best)
     ways = () if themselves else _all_ways(used, instruments, rates, stamps or {})
-    for key, moves in (*ways, *_dimensions(asked, captures)):
+    for key, moves in (*ways, *_dimensions(names, captures)):
         up, down = (
             np.atleast_1d(np.asarray(evaluate(*_changed(captures, moves, way)), float)) for way in (1.0, -1.0)
         )
-        # Half the difference; correct also if the value has an extremum between both, as a magnitude near 0.
+        # The mean of both absolute changes is correct also at an extremum, such as a magnitude near 0.
         part = 0.5 * (abs(up - best) + abs(best - down))
         parts[key] = np.hypot(parts.get(key, 0.0), part)
         even = np.maximum(even, part)
@@ -183,8 +183,8 @@ def _composed(best: Samples, parts: Mapping[str, Samples], even: Samples, place:
     u = sqrt(sum(part**2 for part in own.values()))
     if not isfinite(u):
         return Measured(float(best[place]), unknown="the computation has no neighbouring value")
-    told = sorted(own, key=lambda cause: own[cause], reverse=True)
-    largest = {cause: own[cause] for cause in told if own[cause] ** 2 > LEAST_SHARE * u**2}
+    causes = sorted(own, key=lambda cause: own[cause], reverse=True)
+    largest = {cause: own[cause] for cause in causes if own[cause] ** 2 > LEAST_SHARE * u**2}
     return Measured(float(best[place]), u, float(even[place]), largest)
 
 
@@ -198,7 +198,9 @@ Move = Callable[[Any], Any]
 def _all_ways(
     used: Sequence[str], instruments: Instruments, rates: Mapping[str, float], stamps: Mapping[str, Stamp]
 ) -> Iterator[tuple[str, Mapping[str, Move]]]:
-    """Yield each cause with its shifts by signal: a piece shifts one signal, a time stamp all that share its clock."""
+    """Yield each cause with its shifts by signal. A piece shifts one signal; a time stamp shifts all signals of its
+    clock.
+    """
     for name in used:
         for cause, moved in _ways(instruments.pieces[name], rates.get(name, 1.0)):
             yield f"{instruments.pieces[name].instrument.name} {cause}", {name: moved}
@@ -213,13 +215,13 @@ def _all_ways(
 
 
 def _dimensions(
-    asked: Iterable[str], captures: Sequence[Captured]
+    names: Iterable[str], captures: Sequence[Captured]
 ) -> Iterator[tuple[str, Mapping[str, Move]]]:
     """Yield each dimension that was used, with its shift."""
     for rig in captures:
         if not isinstance(rig, Description):
             continue
-        for name in asked:
+        for name in names:
             one = rig.stated(name)
             if one and one.uncertainty:
                 yield name.replace("_", " "), {name: partial(_off, one.uncertainty * EVEN)}

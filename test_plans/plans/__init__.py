@@ -1,1 +1,1 @@
-"""The test plans: a file each, or one for both loads; every plan in here is found by itself."""
+"""The test plans, one per file (or one file for both loads); `test_plans.discovery` finds all plans of this folder."""

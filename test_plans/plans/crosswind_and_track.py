@@ -64,7 +64,7 @@ TRACK: Final = ("platform.vertical", "platform.lateral")
 PUSHED: Final = tuple(f"vertical_{side}.force" for side in SIDES)
 READ: Final = (*POSE_SIGNALS, *PUSHED, *TRACK, *PRESSURES)
 STEP: Final = 0.02 * s
-#: Winds that may be asked for, and how finely the strongest one that the bench can hold is sought.
+#: Range of the winds, and step of the search for the strongest wind that the bench can hold.
 WINDS: Final = Range(3.0, 25.0, "m/s")
 WIND_STEP: Final = 0.1
 #: The unequal preload is raised in steps until the roll is within this fraction of the requested roll.
@@ -76,20 +76,20 @@ BEFORE: Final = 2 * s
 #: Shortest duration of the track, and duration of its transient.
 TRACK_LASTS: Final = 10 * s
 LEAD: Final = 1.5 * s
-#: Of the first harmonic of a wind that is not steady: so many pieces show how much it scatters.
+#: Number of pieces of the record that give the scatter of a first harmonic in unsteady wind.
 PIECES: Final = 4
 SCATTER: Final = "wind of other frequencies"
-#: The limits hold for springs that the track shears. A wind that changes shears them, too, loosens their friction and
-#: makes them softer. They are judged up to this shear by the wind, as a fraction of that by the track.
+#: The limits hold for springs that the track shears. An unsteady wind also shears them, reduces their friction, and
+#: makes them softer. They are judged up to this shear by the wind, as a fraction of the shear by the track.
 WINDY_MOST: Final = 0.5
 #: The latency of the platform's transducer is not specified. It is assumed to be that of the lateral actuator,
 #: within ``LATE_BY``.
 LATE: Final = "lag of the platform's transducer"
 LATE_BY: Final = 0.5 * ms
-#: The track's motion overcomes friction, and the roll by unequal preload grows by a part of it: how much, and how well
-#: that is known, if the bolster leans into the wind and if it leans with it.
+#: The track's motion overcomes friction, so the roll by unequal preload grows by this part. Part and its uncertainty,
+#: for a bolster that leans into the wind and for one that leans with it.
 GIVEN_BACK: Final = {True: (0.11, 0.04), False: (0.07, 0.07)}
-#: Of a larger roll it is not known: the springs of the full car creep.
+#: Beyond this roll the part is unknown, because the springs of the full car creep.
 GIVEN_BACK_TO: Final = 20 * mrad
 RELEASED: Final = "roll that friction gives back"
 #: The roll torque is judged if its limits are so many times wider than its expanded uncertainty. The error by friction
@@ -178,17 +178,17 @@ CAN_BLOW: Final = Precondition("the rig can make the wind and the track", _look_
 
 
 def _bench_holds(name: str) -> Precondition:
-    """The bolster stays clear of its bump stop under the wind, track and roll that are requested."""
+    """Return the condition that the bolster does not reach its bump stop under the requested wind, track and roll."""
 
     def look(run: Run) -> ConditionResult:
-        load, asked = run.specimen.load(name), dict[str, Any](run.values)
+        load, given = run.specimen.load(name), dict[str, Any](run.values)
         try:
             clear = load.limits.band("crosswind_and_track.travel", "mm").high or inf
             room = min(clear, run.rig["stop_gap"])
-            way = foreseen_travel(run.rig, load, asked, asked["wind"])
+            way = foreseen_travel(run.rig, load, given, given["wind"])
             if way <= room:
                 return ConditionResult(True, f"at most {way / mm:.1f} of {room / mm:g} mm")
-            held = _strongest_wind(partial(foreseen_travel, run.rig, load, asked), room)
+            held = _strongest_wind(partial(foreseen_travel, run.rig, load, given), room)
         except SpecimenError as error:
             return ConditionResult(None, str(error))
         right = (
@@ -197,8 +197,8 @@ def _bench_holds(name: str) -> Precondition:
             else f"no wind from {WINDS.low:g} m/s on can be held; set a smaller amplitude, frequency or roll"
         )
         text = (
-            f"wind = {asked['wind']:g} m/s ({asked['kind']}), amplitude = {asked['amplitude'] / mm:g} mm, frequency = "
-            f"{asked['frequency']:g} Hz and roll = {asked['roll'] / mrad:g} mrad would move the bolster by up to "
+            f"wind = {given['wind']:g} m/s ({given['kind']}), amplitude = {given['amplitude'] / mm:g} mm, frequency = "
+            f"{given['frequency']:g} Hz and roll = {given['roll'] / mrad:g} mrad would move the bolster by up to "
             f"{way / mm:.1f} mm, and it has {room / mm:g} mm to its bump stop; {right}"
         )
         return ConditionResult(False, text)
@@ -218,15 +218,14 @@ def _strongest_wind(travel: Callable[[float], float], room: float) -> float | No
     return next((float(wind) for wind in fine if travel(wind) <= room), None)
 
 
-def foreseen_travel(rig: Rig, load: Load, asked: Mapping[str, Any], wind: float) -> float:
-    """Return the travel of the bolster toward its bump stop (m) for the softest springs within the limits.
-
-    ``asked`` are the values of the plan's parameters.
+def foreseen_travel(rig: Rig, load: Load, values: Mapping[str, Any], wind: float) -> float:
+    """Return the travel of the bolster toward its bump stop (m), on the softest springs within the limits.  ``values``
+    are the values of the plan's parameters.
     """
     amplitude, frequency, pressure, roll = (
-        asked[name] for name in ("amplitude", "frequency", "pressure", "roll")
+        values[name] for name in ("amplitude", "frequency", "pressure", "roll")
     )
-    times, moves, _ = excitation(rig, wind, asked["kind"], amplitude, frequency, asked["draw"])
+    times, moves, _ = excitation(rig, wind, values["kind"], amplitude, frequency, values["draw"])
     way = blown(load, rig, moves["lateral.force"], pressure)
     way += shaken(load, rig, times, moves["platform.lateral"], pressure)
     return max(float(np.abs(offset + way).max()) for offset in leaned(load, rig, roll, pressure))
@@ -364,9 +363,8 @@ class Seen:
         return Stiffness(force / moved, self.frequency, abs(moved))
 
     def windy(self, rig: Rig, values: Values) -> float:
-        """Return the shear by the wind over that by the track, the medians of their absolute values over time.
-
-        A single gust is over soon and changes a median little. A steady drift, as by creep, does not count.
+        """Return the ratio of the shears by wind and by track, as medians of their absolute values over time.  A single
+        gust is short and changes a median little. Steady drift, for example creep, is excluded.
         """
         turn = tau * self.frequency * self.at[self.shaken]
         track = np.column_stack([np.cos(turn), np.sin(turn), np.ones_like(turn), turn])
@@ -487,7 +485,9 @@ def _travel(rig: Rig, values: Values) -> float:
 
 
 def _unstated(load: Load, K: Stiffness, windy: float) -> str:
-    """Return a text why the specimen has no limits for ``K`` and the shear by the wind (`Seen.windy`); "" if it has."""
+    """Return the reason why the specimen has no limits for ``K`` and the shear by the wind (`Seen.windy`); "" if it
+    has.
+    """
     if windy > WINDY_MOST:
         return (
             f"the wind sheared the springs {windy:.2f} times as far as the track; the limits hold up to "

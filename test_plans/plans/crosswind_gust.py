@@ -30,7 +30,7 @@ PRESSURES: Final = tuple(f"{side}.auxiliary_pressure" for side in ("left", "righ
 READ: Final = (*POSE_SIGNALS, *PRESSURES)
 kmh: Final = FACTORS["km/h"]
 BEFORE: Final = 2 * s
-#: The mean wind alone, before the gust and after it; and no wind at all, after that.
+#: Duration of the mean wind alone, before and after the gust, and of the calm at the end.
 MEAN: Final = 4 * s
 AFTER: Final = 3 * s
 SETTLING: Final = ("time to settle", "s")
@@ -44,7 +44,7 @@ KEPT: Final = 10
 STATED: Final = (10.0, 100 * kmh)
 #: Limits that hold for weaker and slower gusts, too, but not for stronger or faster ones.
 NO_MORE: Final = ("roll", "remains")
-#: Settled: so near to where the mean wind holds it, of the way that the gust moved it.
+#: Settled: largest distance from the position under the mean wind, as a fraction of the displacement by the gust.
 SETTLED: Final = 0.1
 #: The checks of the response, by limit: name and unit.
 JUDGED: Final = {
@@ -221,7 +221,7 @@ def _judge(
     if not np.isfinite([y, roll, pushed, parted]).all():
         raise NotMeasured("samples of the gust are missing")
     stiffness, *found, settling = run.measure(partial(_numbers, at, area), run.rig, values)
-    # Beyond the places of the file the displacement fails anyway.
+    # Beyond the abscissas of the file, the displacement exceeds its limit in any case.
     places = limits.curve("crosswind_gust.stiffness", "kN/m")
     place = float(np.clip(y.max(), min(places), max(places)))
     low, high = limits.curve_at("crosswind_gust.stiffness", place, "kN/m")

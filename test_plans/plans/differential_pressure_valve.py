@@ -32,9 +32,9 @@ CLOSES: Final = CheckName(
 #: pressure difference by 41 mbar.
 ROLL_RATE: Final = 2.5 * mm / s
 BACK_RATE: Final = 10 * mm / s
-#: To either side: half of it parts the pressures by 0.7 bar, at which a sound valve is shut.
+#: Travel to either side. Half of it gives a pressure difference of 0.7 bar, at which an intact valve is shut.
 HALF: Final = 17 * mm
-#: The gas that was squeezed gives off its heat before it is weighed.
+#: Time in which the compressed gas cools, before its mass is measured.
 SETTLE: Final = 8 * s
 #: Part of the highest opening pressure that counts as an opening.
 OPENED: Final = 0.97

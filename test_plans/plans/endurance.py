@@ -38,10 +38,10 @@ from test_plans.steps.waves import (
     stiffness_of_side,
 )
 
-#: The generator counts no further in one program.
+#: The largest number of cycles in one program of the generator.
 PROGRAM: Final = 1000
-#: The gas that the cycles warm is as warm from here on: four times what it takes to give its heat off. Where there are
-#: shorter intervals between looks it never gets there, and is run in for one of these.
+#: Time until the gas has its final temperature: four times its thermal time constant. With shorter intervals between
+#: inspections it is run in for one interval.
 RUN_IN: Final = 60 * s
 REST: Final = 30 * s
 LOOK_FREQUENCY: Final = 1 * Hz
@@ -212,9 +212,8 @@ def endurance(
     carries its load, and its mass of air.
 
     The specimen's file has the limits of the change in 1000 cycles, which is the slope of a line through all
-    measurements, and of the air loss per minute. With more cycles, the scatter of a measurement matters less: 0.1 %
-    over 300 cycles becomes a third of a per cent in 1000 cycles. If a run is stopped early, it keeps and judges the
-    results so far.
+    measurements, and of the air loss per minute. The scatter of a measurement has less influence with more cycles: 0.1
+    % over 300 cycles is 0.33 % per 1000 cycles. If a run is stopped early, it keeps and judges the results so far.
 
     With a twin (`astb run --watch`) and `parting` = ends, a deviation of the rig from its model ends the cycles. The
     bench then measures once more, and the report states the start of the deviation and its possible causes.
@@ -261,8 +260,8 @@ def _reason(run: Run, deviation: Deviation | None) -> Iterator[None]:
         yield
     finally:
         if deviation is not None:
-            why = (run.twin.deviation or deviation).sentence
-            run.warn(f"the cycles were ended because the rig deviates from the model. {why}")
+            sentence = (run.twin.deviation or deviation).sentence
+            run.warn(f"the cycles were ended because the rig deviates from the model. {sentence}")
 
 
 def _cycle(
@@ -281,7 +280,7 @@ def _cycle(
     """
     while count > 0:
         some = min(count, PROGRAM)
-        # A program that does not begin has made no cycles, whatever the one before has made.
+        # A program that did not begin has no cycles; the counter still has those of the previous program.
         run.bench.generator.start(axis, amplitude=amplitude, frequency=frequency, cycles=some)
         try:
             deviation = _wait_done(run, some / frequency + MARGIN, ends)

@@ -9,8 +9,9 @@ from test_plans.loads import AW0, AW3
 from test_plans.programmes.motions import Part, Programme, RestPose, Stretch, Valves, Wave
 from test_plans.programmes.perform import programme_plan
 
-#: Orifice, volumes and friction by amplitude and frequency; heat and area by height; membrane and shell up to before
-#: the bump stop. Small motions come before large ones of their axis, so that friction does not remember these.
+#: Amplitudes and frequencies for orifice, volumes and friction; heights for heat transfer and area; shears up to the
+#: bump stop for membrane and shell. Small motions come first on each axis, because friction depends on earlier, larger
+#: motions.
 WIDE: Final = Stretch(
     (
         Wave("vertical", 2 * mm, 3.125 * Hz, 9),
@@ -24,7 +25,7 @@ WIDE: Final = Stretch(
         Wave("roll", 12 * mrad, 0.5 * Hz, 3),
     )
 )
-#: The same about a place to the side and higher up.
+#: The same motions about a sheared and higher position.
 ASIDE: Final = Stretch(
     (
         Wave("vertical", 0.8 * mm, 8 * Hz, 16),
@@ -34,7 +35,7 @@ ASIDE: Final = Stretch(
     ),
     RestPose(height=5 * mm, shear=12 * mm),
 )
-#: The bellows alone, which no auxiliary volume hides.
+#: The bellows alone, without the auxiliary volume.
 ALONE: Final = Stretch(
     (
         Wave("vertical", 3 * mm, 1.25 * Hz, 5),

@@ -32,9 +32,9 @@ def fill(run: Run) -> None:
 def leak_down(run: Run) -> None:
     """Leak-down: fill the springs, shut every valve, weigh the air before and after.
 
-    The bolster is held at design height and both springs are filled to the pressure of the full car. What the
-    pressure loses as the gas cools is no leak: the mass of air in each spring, m = pV/(RT) summed over bellows and
-    auxiliary chamber, must stay.
+    The bolster is held at design height and both springs are filled to the pressure of the full car. The pressure also
+    falls when the gas cools. Therefore the mass of air is compared: m = pV/(RT) of each spring, summed over bellows and
+    auxiliary chamber. It must remain constant.
     """
     steps.lock_the_air(run)
     with run.phase("cool"):

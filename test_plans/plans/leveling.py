@@ -25,25 +25,25 @@ from test_plans.steps.poses import Home, go_home, restore_the_air
 from test_plans.steps.shaking import SAMPLE_RATE, check_band
 
 PRESSURES: Final = tuple(f"{side}.auxiliary_pressure" for side in SIDES)
-#: Steps through both ends of the dead band; the lever approaches each within its lag.
+#: Steps (m) through both ends of the dead band; the lever follows each step with its lag.
 STAIRS: Final = tuple(z * mm for z in np.arange(2.0, 8.25, 0.5))
 #: The valve opens somewhere between two of them.
 STAIR: Final = "between two stairs"
 NOT_OPENED: Final = "the valve did not open by the last step"
 #: Smallest number of samples of the mean height at a step.
 STAIR_SAMPLES: Final = 15
-#: Samples up to the target, half a second, from which it is reported when it was reached.
+#: Samples before the target is reached (half a second), for the interpolation of that time.
 ON_THE_WAY: Final = 100
 STAIR_WAIT: Final = 2.5 * s
 STAIR_LOOK: Final = 1.5 * s
 #: Time for the gas of the filling to cool; after it the pressure changes by less than 0.5 mbar/s between stairs.
 COOL: Final = 30 * s
-#: Just open, the valve fills with 18 and exhausts with 6 mbar/s.
+#: A valve that is only just open fills with 18 mbar/s and exhausts with 6 mbar/s.
 FLOWING: Final = 3 * mbar / s
-#: Wide open it fills with 150 mbar/s or more.
+#: A fully open valve fills with 150 mbar/s or more.
 WIDE_FLOW: Final = 30 * mbar / s
 RATE: Final = 40 * mm / s
-#: From the first motion of a step: when it is done, and when the valve is surely wide open.
+#: Times after the first motion of a step: end of the step, and the time when the valve is certainly fully open.
 STEP_DONE: Final = (0.42 * s, 0.52 * s)
 WIDE_OPEN: Final = (4.0 * s, 6.0 * s)
 MOVED: Final = 1 * mm

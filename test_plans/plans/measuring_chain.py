@@ -1,4 +1,4 @@
-"""Measuring chain: the zero of every transducer, a known weight, known forces, and what a stiff dummy reads as."""
+"""Measuring chain: the zero of every transducer, a known weight, known forces, and the stiffness of a stiff dummy."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -61,13 +61,13 @@ PLACE_ZERO: Final = 0.05 * mm
 PLATFORM_ZERO: Final = 0.02 * mm
 PLATFORM_ROLL_ZERO: Final = 0.05 * mrad
 THERMOMETER_ZERO: Final = 0.1 * K
-#: For noise and the steps of the converters.
+#: Margin for noise and for the steps of the converters.
 ROOM: Final = 1.1
 READ_OVER: Final = 2 * s
 
-#: Up and down again, so that friction and creep of a cell separate the two branches.
+#: Rising and falling forces, so that friction and creep of a cell separate the two branches.
 FORCE_STEPS: Final = tuple(F * kN for F in (5, 20, 40, 60, 40, 20, 5))
-#: Share of it on the right; it reveals sides that are connected crosswise.
+#: Fraction of the force on the right side; unequal forces reveal sides that are connected crosswise.
 RIGHT_SHARE: Final = 0.8
 PUSH_STEPS: Final = tuple(F * kN for F in (0.0, 0.7, 1.4, 0.0, -0.7, -1.4, 0.0))
 PRESS_RATE: Final = 10 * kN / s
@@ -76,12 +76,12 @@ STEP_WAIT: Final = 2 * s
 #: Two cells and a transducer, each good for 0.1 % of 200 kN, over 55 kN: 0.7 % if their errors are alike.
 GAIN: Final = within(1.0, 0.01)
 LATERAL_GAIN: Final = within(1.0, 0.02)
-#: From the straight line, of the largest force.
+#: Largest deviation from the straight line, as a fraction of the largest force.
 NONLINEAR: Final = Band(high=0.005)
 FRAME_WITHIN: Final = 0.10
-#: So stiff that the stiffness of a spring is correct within 1 %.
+#: Smallest stiffness of the measuring chain, with which the stiffness of a spring is correct within 1 %.
 BLOCK: Final = Band(low=200 * MN / m)
-#: Beyond this a way is too small to be distinguished from none.
+#: Above this stiffness, the displacement is too small to be measured.
 STIFFEST: Final = 10_000 * MN / m
 #: Blocks support at design height, stops far below.
 AT_BLOCKS: Final = 10 * mm
@@ -157,19 +157,21 @@ FRAME_GIVES_WAY: Final = CheckName(
 #: The readings of each step: means by signal. The applied force (N), and the force by the load cells.
 Steps = Sequence[Mapping[str, float]]
 Forces = tuple[Samples, Samples]
-#: Vented air is cold. It warms with a time constant of 20 s (virtual rig): at this rate 0.08 K are left.
+#: Vented air is cold, and warms with a time constant of 20 s (virtual rig). At this rate, a deviation of 0.08 K
+#: remains.
 WARM: Final = 0.02 * K
 WARM_OVER: Final = 5 * s
 #: The air that an earlier run vented may be as cold as 290 K when this run begins.
 WARM_WITHIN: Final = 5 * minutes
-#: A bolster that is released sways for some seconds.
+#: A released bolster oscillates for some seconds.
 STILL: Final = 8 * s
 
 
 def without_air(run: Run) -> None:
     """Vent all air, including the residual air, and release the actuators, so that only the weight of the bolster acts.
 
-    The bolster presses out the last air, which cools once more. Therefore the wait for warm air comes last.
+    The bolster presses out the last air, which cools by that. Therefore the wait for the gas temperature is the last
+    step.
     """
     steps.power_up(run)
     with run.phase("without air"):
@@ -305,11 +307,11 @@ def _zeros(
 
 def _check_zeros(run: Run) -> None:
     """Check the reading of each transducer whose quantity is known in this state."""
-    asked = [zero for zero in _zeros(run.rig, run.bench.has) if run.can(zero[0], needs=zero[1])]
+    zeros = [zero for zero in _zeros(run.rig, run.bench.has) if run.can(zero[0], needs=zero[1])]
     mean = run.bench.averages(
-        *dict.fromkeys(name for _, sum_of, *_ in asked for name in sum_of), over=READ_OVER
+        *dict.fromkeys(name for _, sum_of, *_ in zeros for name in sum_of), over=READ_OVER
     )
-    for title, sum_of, expected, tolerance, unit in asked:
+    for title, sum_of, expected, tolerance, unit in zeros:
         value = partial(_zero, sum_of, (title, expected) if title in bearing(run.rig) else None)
         zero = run.measured(value, run.rig, mean, over=READ_OVER, themselves=True)
         check_band(run, title, zero, unit, Band(expected - ROOM * tolerance, expected + ROOM * tolerance))

@@ -1,4 +1,4 @@
-"""Roll and coupling: roll stiffness, what force a roll makes sideways, and lateral stiffness of rolled springs."""
+"""Roll and coupling: roll stiffness, lateral force due to a roll, and lateral stiffness of rolled springs."""
 
 from typing import Annotated, Final, Literal
 

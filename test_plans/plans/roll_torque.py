@@ -1,4 +1,4 @@
-"""Roll torque: how shear and roll of a spring make force and torque, and the torsional stiffness of one diaphragm."""
+"""Roll torque: force and torque due to shear and roll of a spring, and the torsional stiffness of one diaphragm."""
 
 from collections.abc import Mapping
 from math import ceil
@@ -27,7 +27,7 @@ from test_plans.steps.wind import fade
 
 READ: Final = (*POSE_SIGNALS, *VERTICAL_CELLS, *SHEAR_CELLS)
 FREQUENCY: Final = 0.3 * Hz
-#: Slow motions need no more samples.
+#: Sampling rate of the slow motions.
 RATE: Final = 50 * Hz
 #: Friction loses its memory during the lead; the first and the last cycle fade in and out.
 LEAD: Final = 2
@@ -133,7 +133,7 @@ def roll_torque(
     read = [values for _, values in captured]
     before, rolled, _, after = motions(run.rig, *read)
     found = [*run.measure(evaluate, run.rig, *read, rate=RATE)]
-    # It is unknown how much of the cooling between both motions their mean does not cancel.
+    # The mean of both motions cancels an unknown part of the cooling between them.
     b = run.rig["spring_half_spacing"]
     cooled = 0.5 * b**2 * abs(_upright(before) - _upright(after))
     found[3] = found[3].with_uncertainty(COOLED, EVEN * 0.5 * cooled, even=True)
@@ -195,8 +195,8 @@ def _motion(times: Samples, rig: Rig, values: Values) -> Motion:
 
 
 def _law(rig: Rig, before: Motion, rolled: Motion, sheared: Motion, after: Motion) -> Law:
-    """Solve both equations with a roll and a shear, and subtract the part of the heights, known from the other two
-    motions.
+    """Solve both equations for a roll and a shear. The part due to the heights is known from the other two motions, and
+    is subtracted.
     """
     motions = np.array([[rolled.shear, sheared.shear], [rolled.roll, sheared.roll]])
     answers = np.array([[rolled.force, sheared.force], [rolled.torque, sheared.torque]])

@@ -1,4 +1,4 @@
-"""Safety: whether the bench holds and becomes safe in time when its commander, its operator or its air fails it."""
+"""Safety: reaction times of the bench to the loss of its commander or air supply, and to the emergency stop."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
@@ -30,7 +30,7 @@ READ: Final = ("rig.state", *BELLOWS, *FORCES, *HEIGHTS)
 #: Between two set-points, and between two words of the rig's state.
 CYCLE: Final = 1 / COMMAND_RATE
 OF_A_CYCLE: Final = 0.5 * EVEN * CYCLE
-#: A cycle may have just gone, and the rig reports its state as often; what carries both takes its time.
+#: Additional time: one cycle of the set-points, one of the reported state, and the transmission of both.
 TELLING: Final = 2 * CYCLE + 10 * ms
 #: The rig's own watchdog for its settings, and its word for how long the safe position takes.
 SETTINGS_AFTER: Final = 1 * s
@@ -297,7 +297,7 @@ def _lose_the_supply(run: Run) -> None:
 
 @contextmanager
 def _undone(run: Run, what: str, deed: str) -> Iterator[None]:
-    """Undo the action on a simulated rig if the block ends before the request to undo it, because the rig runs on."""
+    """Undo the action on a simulated rig if an error ends the block first, because the rig continues to run."""
     try:
         yield
     except BaseException:

@@ -1,4 +1,4 @@
-"""Screening: excites everything that a model of the springs may get wrong, with other sizes in every stretch."""
+"""Screening: motions that excite every effect of the springs, with other amplitudes in every stretch."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def medley(
     wide: float,
     roll: float,
 ) -> Stretch:
-    """Return a stretch of about a minute; sizes in m (``roll`` in rad), ``step`` relative to the starting height."""
+    """Return a stretch of about a minute; amplitudes in m (``roll`` in rad), ``step`` relative to the start height."""
     segments: tuple[Segment, ...] = (
         Wave("vertical", slow, 0.3 * Hz, 3, "triangle"),
         Wave("vertical", large, 0.5 * Hz, 3),

@@ -1,4 +1,4 @@
-"""The menu of separating runs: each lets causes part that look alike in the screening."""
+"""Separating runs: each distinguishes causes that have similar effects in the screening."""
 
 from __future__ import annotations
 

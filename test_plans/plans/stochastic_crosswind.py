@@ -39,14 +39,14 @@ TRACK: Final = ("platform.vertical", "platform.lateral")
 READ: Final = (*POSE_SIGNALS, *TRACK, *SHEAR_CELLS, *VERTICAL_CELLS, *PRESSURES)
 Values = Mapping[str, Samples]
 STEP: Final = 0.02 * s
-#: Ten times the fastest that wind and track have.
+#: Sampling rate: ten times the highest frequency of wind and track.
 RATE: Final = 50 * Hz
 BEFORE: Final = 2 * s
 #: The host cannot stream faster motions; slower motions belong to the line of the track, not to its irregularity.
 FASTEST: Final = 5 * Hz
 SLOWEST: Final = 0.2 * Hz
 SEGMENT: Final = 8 * s
-#: Of the springs' stiffness: where wind and track move them enough.
+#: Frequencies at which wind and track move the springs enough to measure their stiffness.
 BAND: Final = (0.5 * Hz, 2 * Hz)
 #: The checks of the motion of springs and pressures: name, limit and unit.
 SWINGS: Final = (
@@ -93,7 +93,7 @@ LOST: Final = CheckName(
 )
 INCOHERENT: Final = "what is not coherent"
 LINES: Final = tuple(0.25 * Hz * k for k in range(1, 13))
-#: Of the irregularity in 1/m, and its low level in rad·m, vertically and laterally (ERRI B 176).
+#: Corner wavenumbers of the irregularity (1/m), and its low level (rad·m), vertical and lateral (ERRI B 176).
 CORNERS: Final = (0.0206, 0.8246)
 LEVEL: Final = (4.032e-7, 2.119e-7)
 

@@ -1,4 +1,4 @@
-"""A measured track: the platform runs it under the springs as a train of some speed meets it, in a wind or without."""
+"""A measured track: the platform moves as the track under a train of a given speed, with or without wind."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ KMH: Final = FACTORS["km/h"]
 DRAWN: Final = "ERRI-low"
 DRAWN_LENGTH: Final = 20_000 * m
 DRAWN_STEP: Final = 0.5 * m
-#: Range of its waves: D1 and D2 of EN 13848-1. Longer ones are the line; no wheel follows shorter ones.
+#: Range of its wavelengths: D1 and D2 of EN 13848-1. Longer waves belong to the line; no wheel follows shorter ones.
 WAVES: Final = (3 * m, 70 * m)
 WAYS: Final = ("platform.vertical", "platform.lateral", "platform.roll")
 READ: Final = (*POSE_SIGNALS, *WAYS[:2], *SHEAR_CELLS, *VERTICAL_CELLS, *PRESSURES)
@@ -133,9 +133,8 @@ def _look_at_the_track(run: Run) -> ConditionResult:
 
 
 def _reaches_the_stop(run: Run, record: TrackRecord) -> str:
-    """Return a text if the softest springs within their limits let the bolster reach its bump stop; "" otherwise.
-
-    It is "" also if the specimen's file has no limits to compute it from, or the rig no dimensions.
+    """Return a text if the bolster can reach its bump stop on the softest springs within the limits; "" otherwise.  It
+    is "" also if limits in the specimen's file or dimensions of the rig are missing.
     """
     speed, duration, wind = (float(run.values[name]) for name in ("speed", "duration", "wind"))
     times, moves = excitation(record, speed, duration, wind)
@@ -186,7 +185,7 @@ def track_record(
     duration: Annotated[float, Range(20 * s, 600 * s, "s")] = 60 * s,
     wind: Annotated[float, Range(0.0, 6.5, "m/s")] = 0.0,
 ) -> None:
-    """Track record: the springs on a track that a user measured, as a train of some speed meets it.
+    """Track record: the springs on a track that a user measured, under a train of a given speed.
 
     The springs carry the load with shut valves at design height. The vertical actuators hold the bolster in its place,
     as the inertia of a car does. The lateral actuator applies the share of one bogie of a steady `wind`, or releases
@@ -195,8 +194,8 @@ def track_record(
     The platform follows the record vertically, laterally and in roll, about its mean, from its beginning. A record over
     distance is run at `speed`, a record over time as it is. All axes use one time base; the host streams the motion,
     which rises and fades within 4 s. Instead of a file, ERRI-low is the low level of ERRI B 176 between waves of 3 and
-    70 m. These are refused before anything moves: a motion beyond the travel or speed of the platform, and a wind that
-    takes the bolster to its bump stop.
+    70 m. The run is refused before any motion if the platform cannot follow, or if the wind would move the bolster to
+    its bump stop.
 
     A rig with amplitude control repeats the track with a corrected command, at most three times, until the motion of
     the platform is right within 1 %.
@@ -243,10 +242,10 @@ def _once(run: Run, times: Samples, moves: Mapping[str, Samples]) -> Capture:
 def _compare(run: Run, name: str, at: Samples, values: Values, times: Samples, way: Samples) -> None:
     """Check the motion of the platform against the commanded ``way`` (n,) at ``times`` (n,), and record both."""
     played = (at >= 0.0) & (at <= times[-1])
-    asked = float(np.std(np.interp(at[played], times, way)))
+    rms = float(np.std(np.interp(at[played], times, way)))
     shown = name.partition(".")[2]
-    if asked < LEAST:
-        few = f"{asked / mm:.2g} {'mrad' if shown == 'roll' else 'mm'} rms"
+    if rms < LEAST:
+        few = f"{rms / mm:.2g} {'mrad' if shown == 'roll' else 'mm'} rms"
         run.not_available([BESIDE.of(way=shown)], f"it moves by {few}, less than its transducer resolves")
         return
 
@@ -261,9 +260,9 @@ def _compare(run: Run, name: str, at: Samples, values: Values, times: Samples, w
     late = min(delays.tolist(), key=lambda one: float(left(one, values[name]).std()))
 
     def deviation_share(_: Rig, read: Values) -> float:
-        return float(left(late, read[name]).std()) / asked
+        return float(left(late, read[name]).std()) / rms
 
-    note = f"{late / ms:.0f} ms late; asked for {asked / mm:.3g} {'mrad' if shown == 'roll' else 'mm'} rms"
+    note = f"{late / ms:.0f} ms late; asked for {rms / mm:.3g} {'mrad' if shown == 'roll' else 'mm'} rms"
     run.check(
         BESIDE.of(way=shown),
         run.measured(deviation_share, run.rig, values, rate=RATE),
@@ -272,9 +271,9 @@ def _compare(run: Run, name: str, at: Samples, values: Values, times: Samples, w
         note=note,
     )
     unit = Axis(shown, "mrad", mrad) if shown == "roll" else Axis(shown, "mm", mm)
-    seen = values[name] - values[name][at < 0.0].mean()
-    for told, xs, ys in (("record", times, way), ("platform", at - late, seen)):
-        run.loop(told, Axis("time", "s"), unit, xs[::KEPT], ys[::KEPT], group=f"Track, {shown}")
+    motion = values[name] - values[name][at < 0.0].mean()
+    for label, xs, ys in (("record", times, way), ("platform", at - late, motion)):
+        run.loop(label, Axis("time", "s"), unit, xs[::KEPT], ys[::KEPT], group=f"Track, {shown}")
 
 
 def _travel(calm: npt.NDArray[np.bool_], shaken: npt.NDArray[np.bool_], rig: Rig, values: Values) -> float:

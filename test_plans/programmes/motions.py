@@ -101,8 +101,8 @@ class Valves:
 
 Segment = Wave | RestPose | Valves
 
-#: Large enough to wipe out what friction remembers of earlier motions, as far as the following ones reach: of a
-#: difference in Berg's state, 4e-4 is left (after three cycles 1e-2, which load cells still see).
+#: Large enough to remove the influence of earlier motions on friction, up to the amplitude of the following motions. A
+#: difference in the state of Berg's model is reduced to 4e-4 (after three cycles to 1e-2, which is still measurable).
 WIPE: Final = (
     Wave("vertical", 10 * mm, 1 * Hz, 5),
     Wave("lateral", 10 * mm, 1 * Hz, 5),

@@ -52,7 +52,7 @@ COARSE: Final = 10 * Hz
 SETTLE: Final = 10 * s
 #: From the end of one stretch to the beginning of the next, on the average.
 BETWEEN: Final = SETTLE + 1 * s
-#: Of the frames that the bench sends; the rest may be lost on the way.
+#: Required share of the frames that the bench sends; the others may be lost.
 RECEIVED: Final = 0.8
 FEW: Final = 10
 SAMPLES: Final = CheckName(
@@ -131,7 +131,7 @@ def perform(run: Run, programme: Programme) -> None:
 def _taken_up(run: Run, programme: Programme, part: Part, number: int) -> bool:
     """Replace the present load by that of ``part``; return False if wrong zeros of the transducers prevent it.
 
-    The motion until then is still worth a replay, because it may show the cause.
+    The recorded motion can still be replayed, because it may show the cause.
     """
     put_down(run)
     try:
@@ -154,16 +154,16 @@ def _check(run: Run, name: str, stretch: Stretch, capture: Capture) -> None:
 
     A gap in between does not reduce the reached travel.
     """
-    asked = trajectory(stretch, run.rig)
-    came = min(_received(capture.times(height), asked.time[-1]) for height in HEIGHTS)
+    path = trajectory(stretch, run.rig)
+    came = min(_received(capture.times(height), path.time[-1]) for height in HEIGHTS)
     run.check(SAMPLES.of(name=name), counted(came), "%", low=RECEIVED)
     _, values = capture.aligned(RATE)
     ways: dict[str, tuple[Callable[[Mapping[str, Samples], Rig], Samples], Samples]] = {
-        **{f"{side} spring, up and down": (partial(_height, side), z) for side, z in asked.heights.items()},
-        "springs, sideways": (shear_of, asked.shear),
+        **{f"{side} spring, up and down": (partial(_height, side), z) for side, z in path.heights.items()},
+        "springs, sideways": (shear_of, path.shear),
     }
-    for what, (of, wanted) in ways.items():
-        if (way := float(np.ptp(wanted))) > 0.0:
+    for what, (of, target) in ways.items():
+        if (way := float(np.ptp(target))) > 0.0:
             went = run.measured(partial(_went, of, way), run.rig, values, rate=RATE)
             run.check(WENT.of(name=name, what=what), went, "1", low=WAY.low, high=WAY.high)
 
@@ -171,7 +171,7 @@ def _check(run: Run, name: str, stretch: Stretch, capture: Capture) -> None:
 def _received(times: Samples, duration: float) -> float:
     """Return the received share of a signal's samples in ``duration`` (s), relative to its usual interval.
 
-    The usual interval is the first quartile, which holds even if every second sample is lost.
+    The usual interval is the first quartile, which is correct even if every second sample is lost.
     """
     if times.size < FEW:
         return 0.0
@@ -185,7 +185,7 @@ def _height(side: str, values: Mapping[str, Samples], rig: Rig) -> Samples:
 def _went(
     of: Callable[[Mapping[str, Samples], Rig], Samples], way: float, rig: Rig, values: Mapping[str, Samples]
 ) -> float:
-    """Return the travel over the commanded ``way`` (m); NaN without samples."""
+    """Return the ratio of the travel to the commanded ``way`` (m); NaN without samples."""
     motion = of(values, rig)
     seen = motion[np.isfinite(motion)]
     return float(np.ptp(seen)) / way if seen.size else float("nan")

@@ -51,7 +51,7 @@ _GAS: Final = tuple(
 _THERMOMETERS: Final = tuple(name for name in _GAS if name.endswith("temperature"))
 _READ: Final = (*_GAS, *HEIGHTS)
 WEIGHED_BY: Final = (*_READ, *VERTICAL_CELLS, *CELLS, *LASERS, *lags(_THERMOMETERS))
-#: The gas is read over so many lags of its thermometers: over one lag, a step of 0.1 K is 0.1 % of air in a minute.
+#: Averaging time in lags of the thermometers: over one lag, a step of 0.1 K is an air loss of 0.1 % per minute.
 LAGS: Final = 5
 #: Smallest number of samples of a mean over a second.
 AVERAGED: Final = 10

@@ -1,8 +1,6 @@
-"""Amplitude control: a motion is repeated with a corrected command until it has the wanted amplitude.
-
-The command is multiplied by wanted over reached amplitude: a number for a wave, the inverse of the measured transfer
-function for a track. One repetition is exact for a linear axis, whose gain at a frequency does not depend on the
-amplitude.
+"""Amplitude control: a motion is repeated with a corrected command until it has the target amplitude.  The command is
+multiplied by the ratio target to reached amplitude: a number for a wave, the inverse of the measured transfer function
+for a track. One repetition is exact for a linear axis, whose gain at a frequency does not depend on the amplitude.
 """
 
 from __future__ import annotations
@@ -66,37 +64,37 @@ def controlled(
     axis: str,
     wave: Wave,
     frequency: float,
-    wanted: float,
+    target: float,
     once: Callable[[float], Moved],
     harmonic_of: Callable[[Samples, dict[str, Samples]], complex],
 ) -> Moved:
     """Return the samples of a wave that ``once`` runs with a command (m).
 
-    If the rig requires amplitude control, the wave is repeated until the amplitude is ``wanted`` (m) within 1 %, at
+    If the rig requires amplitude control, the wave is repeated until the amplitude is ``target`` (m) within 1 %, at
     most three times. ``harmonic_of`` returns the first harmonic of the motion (m). The command stays below 1.5 times
-    the wanted amplitude and within the range of the rig. It is kept for the next wave of this kind in the run.
+    the target amplitude and within the range of the rig. It is kept for the next wave of this kind in the run.
     """
     if not run.bench.amplitude_control:
-        return once(wanted)
-    key = (axis, wave, frequency, wanted)
+        return once(target)
+    key = (axis, wave, frequency, target)
     known = [one.command for one in run.driven if one[:4] == key]
-    most = min(MOST * wanted, max(wanted, float(run.bench.table[_PROGRAM].high)))
+    most = min(MOST * target, max(target, float(run.bench.table[_PROGRAM].high)))
 
     def reached_by(moved: Moved) -> float:
         return abs(harmonic_of(*moved)) / _FIRST_HARMONIC[wave]
 
     def answer(command: float, moved: Moved) -> Answer[float]:
         reached = reached_by(moved)
-        corrected = min(command * wanted / reached, most) if reached else command
+        corrected = min(command * target / reached, most) if reached else command
         return Answer(
-            abs(reached / wanted - 1.0) <= WITHIN,
+            abs(reached / target - 1.0) <= WITHIN,
             None if corrected == command else corrected,
-            f"{reached / mm:.3g} of {wanted / mm:.3g} mm",
+            f"{reached / mm:.3g} of {target / mm:.3g} mm",
             f"{corrected / mm:.3g} mm",
         )
 
     name = f"{axis} {wave} of {frequency:g} Hz"
-    moved, command, found, repetitions = _repeat(run, name, known[-1] if known else wanted, once, answer)
+    moved, command, found, repetitions = _repeat(run, name, known[-1] if known else target, once, answer)
     run.driven.append(Driven(*key, command, reached_by(moved), repetitions))
     if not found.done:
         run.warn(
@@ -130,14 +128,16 @@ def _repeat(
 
 
 class Followed(NamedTuple):
-    """Spectra of the motion of a track on one axis: over the track, and over its command, both delayed as it is."""
+    """Spectra of the motion on one axis of a track: relative to the track and to its command, both with the delay of
+    the motion.
+    """
 
     axis: str
     by_track: Spectra
     by_command: Spectra
 
     def octaves(self) -> dict[tuple[float, float], complex]:
-        """Return the reached over the wanted motion in each octave (Hz, from and to) that the track has."""
+        """Return the ratio of reached to target motion in each octave of the track (Hz, from and to)."""
         highest = float(self.by_track.frequency[-1])
         count = int(np.log2(_FASTEST * highest / _SLOWEST))
         bands = [(_SLOWEST * 2**k, _SLOWEST * 2 ** (k + 1)) for k in range(count)]
@@ -149,8 +149,7 @@ class Followed(NamedTuple):
     def inverse(self, frequency: Samples) -> npt.NDArray[np.complex128]:
         """Return the inverse of the transfer function from command to motion at ``frequency`` (Hz, (n,)).
 
-        The transfer function of a band differs from 1 only as far as its uncertainty permits, so that noise is not
-        corrected.
+        The transfer function of a band is reduced toward 1 by its uncertainty, so that noise is not corrected.
         """
         middles = np.arange(_BAND, _FASTEST * self.by_command.frequency[-1], _BAND)
         found = []
@@ -165,39 +164,39 @@ class Followed(NamedTuple):
 def controlled_track(
     run: Run,
     times: Samples,
-    wanted: Offsets,
+    target: Offsets,
     axes: Sequence[str],
     before: float,
     once: Callable[[Offsets], Capture],
 ) -> Capture:
     """Return the capture of a track that ``once`` runs with a command: offsets (SI, (n,)) at ``times`` (s, (n,)).
 
-    If the rig requires amplitude control, the track is repeated until the motion of each of the ``axes`` is ``wanted``
+    If the rig requires amplitude control, the track is repeated until the motion of each of the ``axes`` is ``target``
     within 1 % in each octave, in amplitude and phase (0.01 rad), at most three times. A delay that all axes have in
     common is no error. The capture begins ``before`` (s) the track. The command of a frequency is at most 1.5 times the
     track, and a command beyond the limits of the rig is not used.
     """
     if not (run.bench.amplitude_control and axes):
-        return once(wanted)
+        return once(target)
 
     followed: list[Followed] = []
 
     def answer(command: Offsets, moved: Capture) -> Answer[Offsets]:
-        followed[:] = _followed(times, wanted, command, axes, before, moved)
+        followed[:] = _followed(times, target, command, axes, before, moved)
         wrong = [
-            f"{_spoken(one.axis)} {low:g} to {high:g} Hz {abs(ratio):.1%} at {np.angle(ratio, deg=True):+.1f}°"
+            f"{_axis_text(one.axis)} {low:g} to {high:g} Hz {abs(ratio):.1%} at {np.angle(ratio, deg=True):+.1f}°"
             for one in followed
             for (low, high), ratio in one.octaves().items()
             if abs(ratio - 1.0) > WITHIN
         ]
-        corrected = {one.axis: _filtered(times, wanted[one.axis], one) for one in followed}
+        corrected = {one.axis: _filtered(times, target[one.axis], one) for one in followed}
         return Answer(not wrong, {**command, **corrected}, ", ".join(wrong), "the inverse transfer function")
 
-    moved, _, found, repetitions = _repeat(run, TRACK, wanted, once, answer)
+    moved, _, found, repetitions = _repeat(run, TRACK, target, once, answer)
     for one in followed:
         for band, ratio in one.octaves().items():
             track, sent = one.by_track.rms(*band), one.by_command.rms(*band)
-            place = _spoken(one.axis), TRACK, sqrt(band[0] * band[1])
+            place = _axis_text(one.axis), TRACK, sqrt(band[0] * band[1])
             run.driven.append(
                 Driven(*place, track, sent, abs(ratio) * track, repetitions, float(np.angle(ratio)))
             )
@@ -206,35 +205,35 @@ def controlled_track(
     return moved
 
 
-def _spoken(axis: str) -> str:
+def _axis_text(axis: str) -> str:
     return axis.replace(".", " ")
 
 
 def _followed(
-    times: Samples, wanted: Offsets, command: Offsets, axes: Sequence[str], before: float, moved: Capture
+    times: Samples, target: Offsets, command: Offsets, axes: Sequence[str], before: float, moved: Capture
 ) -> list[Followed]:
     """Return the spectra of each axis, from the samples at their own times: interpolation would smooth them."""
-    seen = {}
+    motions = {}
     for name in axes:
         at, values = moved.times(name) - before, moved.values(name)
         played = (at >= 0.0) & (at <= times[-1])
-        seen[name] = at[played], values[played] - values[at < 0.0].mean()
-    late = _common_delay({name: continuous(times, wanted[name]) for name in axes}, seen)
+        motions[name] = at[played], values[played] - values[at < 0.0].mean()
+    late = _common_delay({name: continuous(times, target[name]) for name in axes}, motions)
 
     def spectra_of(name: str, way: Samples) -> Spectra:
-        at, motion = seen[name]
+        at, motion = motions[name]
         rate = (at.size - 1) / float(at[-1] - at[0])
         return spectra(continuous(times, way)(at - late), motion, rate, segment=_SEGMENT)
 
-    return [Followed(name, spectra_of(name, wanted[name]), spectra_of(name, command[name])) for name in axes]
+    return [Followed(name, spectra_of(name, target[name]), spectra_of(name, command[name])) for name in axes]
 
 
-def _common_delay(wanted: Mapping[str, Way], seen: Mapping[str, tuple[Samples, Samples]]) -> float:
+def _common_delay(targets: Mapping[str, Way], motions: Mapping[str, tuple[Samples, Samples]]) -> float:
     """Return the delay (s) with the least sum of squares of the relative deviations of all axes."""
     delays = np.arange(0.0, LATEST, _LATE_STEP)
     squares = np.zeros_like(delays)
-    for name, (at, motion) in seen.items():
-        way_at = wanted[name]
+    for name, (at, motion) in motions.items():
+        way_at = targets[name]
         left = [np.sum((motion - way_at(at - late)) ** 2) for late in delays.tolist()]
         squares += np.array(left) / np.sum(motion**2)
     k = int(np.clip(np.argmin(squares), 1, delays.size - 2))
@@ -245,7 +244,7 @@ def _common_delay(wanted: Mapping[str, Way], seen: Mapping[str, tuple[Samples, S
 def continuous(times: Samples, way: Samples) -> Way:
     """Return the smooth function of time (s) through a ``way`` (n,) at equally spaced ``times`` from 0 on.
 
-    The way begins and ends at 0, as the function does beyond them. Straight lines would reduce fast motions.
+    The way begins and ends at 0; outside of its times the function is 0. Straight lines would reduce fast motions.
     """
     fine = _FINER * np.fft.irfft(np.fft.rfft(way), _FINER * way.size)
     places = np.arange(fine.size) * (times[1] / _FINER)

@@ -134,7 +134,7 @@ def carry(load: str | Load) -> Callable[[Run], None]:
     """Return the set-up in which both springs carry ``load`` (a load case or its name) on their leveling valves.
 
     It ends when the temperature of the gas is steady to 2 K over 1 s. The gas can still be 30 K warmer than the walls.
-    The leveling valves replace the pressure that cooling takes. Without them the bolster sinks: by 9 mm in 60 s after
+    The leveling valves compensate the pressure loss by cooling. Without them the bolster sinks by 9 mm in 60 s after
     filling to AW0. A plan that shuts the valves waits first, as `leak_down` does.
     """
 
@@ -159,7 +159,9 @@ def part_of(run: Run, name: str, part: float) -> Load:
 
 
 def shim(run: Run, load: Load) -> None:
-    """Set the height to zero for this load: the emergency springs give 15 mm between the empty and the full car."""
+    """Set the height to zero for this load, because the emergency springs deflect 15 mm between the empty and the full
+    car.
+    """
     with run.phase("shim"):
         if lacking := run.bench.lacks("rig.nominal_preload"):
             run.say(f"{lacking}; its heights must have been set to zero for {load.name}")
@@ -228,9 +230,8 @@ def level_to_the_preload(run: Run, load: Load) -> None:
 
 @contextmanager
 def _reached(run: Run) -> Iterator[None]:
-    """End a plan that judges if a force or pressure does not reach its set-point; other plans warn and continue.
-
-    The other plans search for faults of the bench, and the transducer may be the fault.
+    """If a force or pressure does not reach its set-point, end a plan with a verdict; other plans warn and continue.
+    Plans without a verdict search for faults, and the transducer may be faulty.
     """
     try:
         yield
@@ -249,8 +250,8 @@ def _supplied(run: Run, pressure: float) -> Iterator[None]:
         has = run.bench.readings.value_or_nan("supply.pressure") if run.bench.has("supply.pressure") else nan
         if not has < pressure:
             raise
-        asked = f"open the supply until it has {(pressure + HEADROOM) / bar:.4g} bar"
-        raise RigFault(f"{late}; the supply pressure is {has / bar:.2f} bar; {asked}") from late
+        remedy = f"open the supply until it has {(pressure + HEADROOM) / bar:.4g} bar"
+        raise RigFault(f"{late}; the supply pressure is {has / bar:.2f} bar; {remedy}") from late
 
 
 def hold_the_height(run: Run) -> None:

@@ -43,7 +43,7 @@ AGAINST: Final = CheckName(
 CROSSTALK: Final = Band(-0.002, 0.002)
 #: Longitudinal tolerance of seats and actuators.
 CENTRED: Final = 5 * mm
-#: Sideways the forces are small.
+#: Larger tolerance laterally, because the forces are small.
 AHEAD_WITHIN: Final = {"force upward": Band(-CENTRED, CENTRED), "force sideways": Band(-10 * mm, 10 * mm)}
 #: Relative to the load: three times the result of the errors of four cells.
 TOGETHER: Final = Band(high=0.005)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 SPACING: Final = "spring_half_spacing"
 MASS: Final = "bolster_mass"
-#: As far as springs may stand, and the bolster weigh, differently than where limits are stated that no one can convert.
+#: Largest relative difference in spacing and bolster mass for which limits are used without conversion.
 ALIKE: Final = {SPACING: 0.02, MASS: 0.05}
 
 

@@ -32,7 +32,7 @@ POSE_ROLL_RATE: Final = 0.04 * rad / s
 POSE_SETTLE: Final = 0.5 * s
 #: The gas of a filling cools down before the valves are shut.
 COOL: Final = 20 * s
-#: The valves follow one transducer and the tolerance another; then they still have a little to do.
+#: Valves and tolerance use different transducers, so the valves continue to control for a short time.
 PRESSURE_BACK: Final = 100 * mbar
 PRESSURE_STEADY: Final = 1.5 * s
 

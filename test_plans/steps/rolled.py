@@ -29,7 +29,7 @@ ROLL_AMPLITUDE: Final = 5 * mm
 SAME_ROLL: Final = 0.001 * rad
 #: Friction depends on how the springs reached y = +20 mm, for some cycles.
 ROLL_CENTRING: Final = 10 * s
-#: What the gas was squeezed by warms it; without its heat the lower spring under AW3 stays below what its actuator can.
+#: Time in which the compressed gas cools: then the lower spring under AW3 needs less force than its actuator has.
 COOL_BEFORE_LAST: Final = 20 * s
 
 

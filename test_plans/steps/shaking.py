@@ -50,14 +50,16 @@ if TYPE_CHECKING:
 Values = dict[str, Samples]
 
 AMPLITUDE: Final = 5 * mm
-#: Slow: below it, a vertical spring loses little through its orifice; above 0.1 Hz, little through its walls.
+#: Slow: below this frequency, the losses of a vertical spring in its orifice are small; above 0.1 Hz, those through its
+#: walls.
 LOOP_FREQUENCY: Final = 0.3 * Hz
-#: The generator fades in over its first cycle and out over its last: what lies between is measured, so long at least.
+#: Shortest measured time. The generator fades in over its first cycle and out over its last; both are not measured.
 MEASURED: Final = 1.5 * s
 SAMPLE_RATE: Final = 200 * Hz
-#: A wave of which more is something else is measured again, so many times in all. Set-points lost for 20 to 60 ms made
-#: 1 to 19 % of a sine and the damping wrong by up to a sixth at 1 Hz; where none were, it is 0.3 to 0.7 %. An actuator
-#: that is at rest between set-points made 2 to 3 % of a triangle and a secant wrong by a quarter; else 0.3 to 0.6 %.
+#: Limit of the distortion above which a wave is repeated, and the number of attempts. A sine without disturbance has
+#: 0.3 to 0.7 %. Set-points lost for 20 to 60 ms gave 1 to 19 %, and an error of the damping of up to 1/6 at 1 Hz. A
+#: triangle has 0.3 to 0.6 %. An actuator that stops between set-points gave 2 to 3 %, and an error of the secant of
+#: 1/4.
 DISTORTED: Final[Mapping[Wave, float]] = {"sine": 0.02, "triangle": 0.01}
 TRIES: Final = 3
 
@@ -93,8 +95,8 @@ def shake(
 ) -> tuple[Samples, dict[str, Samples]]:
     """Run a wave of 5 mm and return the aligned samples of its whole cycles at full amplitude.
 
-    A disturbed wave is repeated. If it stays disturbed, the cause is the bench itself: the best wave is returned, and
-    the result has a warning. A rig with amplitude control repeats the wave until the motion has this amplitude.
+    A disturbed wave is repeated. If it stays disturbed, the bench is the cause. Then the best wave is returned, and the
+    result has a warning. A rig with amplitude control repeats the wave until the motion has this amplitude.
     """
     moving = MOTION[axis]
 

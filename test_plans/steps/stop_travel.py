@@ -30,7 +30,8 @@ def blown(load: Load, rig: Rig, force: Samples, pressure: float) -> Samples:
     """Return the lateral travel (m) of the bolster on the softest springs within their limits, under a wind ``force``
     (N).
 
-    The track keeps the springs in motion, so friction does not hold them. ``pressure`` is relative to that of the load.
+    The track keeps the springs in motion, so friction does not act as a static force. ``pressure`` is relative to that
+    of the load.
     """
     stiffness = load.limits.band(ROLL_STIFFNESS, "kN*m/rad").low or inf
     return np.asarray(
@@ -40,7 +41,7 @@ def blown(load: Load, rig: Rig, force: Samples, pressure: float) -> Samples:
 
 
 def leaned(load: Load, rig: Rig, roll: float, pressure: float) -> tuple[float, float]:
-    """Return the travel (m) of the bolster at a ``roll`` (rad) by unequal preload, with friction and without.
+    """Return the travels (m) of the bolster at a ``roll`` (rad) by unequal preload, with and without friction.
 
     It results from the coupling of shear and roll.
     """

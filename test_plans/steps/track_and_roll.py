@@ -59,7 +59,7 @@ AVERAGED: Final = 5
 ALIKE: Final = 0.01
 #: Uncertainty of the spacing from the stiffness of springs: the gas is warmer in a slow roll than in a loop.
 SPACING_WITHIN: Final = 0.04
-#: Least share of the stiffness that the gas has where no air passes between the springs.
+#: Smallest share of the gas in the stiffness, if no air flows between the springs.
 TIGHT_SHARE: Final = 0.5
 CONTRADICTED: Final = "the description contradicts the measurement"
 CHECK: Final = "astb rig check --allow-motion measures it"
@@ -97,7 +97,7 @@ def track_excitation(run: Run) -> None:
 def _answer(
     times: Samples, steady: npt.NDArray[np.bool_], mass: float, rig: Rig, values: Values
 ) -> tuple[float, float]:
-    """Return the motion of the bolster over that of the platform, first harmonic, and its peak (m).
+    """Return the ratio of the first harmonics of bolster and platform, and the peak of the bolster (m).
 
     Both are for a bolster of ``mass`` (kg). The peak is half the platform's travel plus half the bolster's.
     """
@@ -115,7 +115,7 @@ def _answer(
 def roll_by_unequal_preload(run: Run, load: Load) -> None:
     """Load the two sides unequally, first the left more, then the right, with locked air."""
     bench = run.bench
-    # A bolster that is held sideways rolls about another axis: a quarter to a third stiffer.
+    # A bolster that is held sideways rolls about another axis, and is stiffer by a quarter to a third.
     if not run.can(ROLL_STIFFNESS, PARTED, needs=(*FREE_SIDEWAYS, *ACTUATORS, *LASERS)):
         return
     with run.phase("roll"):
@@ -142,10 +142,10 @@ def roll_by_unequal_preload(run: Run, load: Load) -> None:
 def description_contradicted(
     run: Run, one: Mapping[str, float], other: Mapping[str, float], stiffness: float
 ) -> str:
-    """Return a text on the dimension that a roll of the free bolster contradicts, by means at two rests; "" if none.
+    """Return a text on the stated dimension that contradicts the measured roll of the free bolster; "" if none.
 
-    Lasers and pistons measure the same roll, load cells and actuators the same moment. If only one of both disagrees,
-    the position of lasers or cells is wrong; if both disagree, that of the actuators.
+    Lasers and pistons measure the same roll, load cells and actuators the same moment. If only one pair disagrees, the
+    position of lasers or cells is wrong. If both disagree, the position of the actuators is wrong.
     """
     found = {}
     if all(name in one for name in PISTONS) and not run.rig.lacks("vertical_frame_stiffness"):
@@ -191,9 +191,8 @@ def _moment_ratio(rig: Rig, one: Mapping[str, float], other: Mapping[str, float]
 def _spacing_contradicted(
     run: Run, one: Mapping[str, float], other: Mapping[str, float], stiffness: float
 ) -> str:
-    """Return a text if the springs have another spacing than stated: K_roll = (k_l + k_r) b² for springs with sound k.
-
-    Air that passes between the springs lowers K_roll as well, but then their pressures hardly change.
+    """Return a text if the spacing of the springs differs from the stated one: K_roll = (k_l + k_r) b² for intact
+    springs.  Air flow between the springs also reduces K_roll, but then their pressures hardly change.
     """
     judged = {check.name: check for check in run.checks if check.verdict is CheckVerdict.PASS}
     names = [name.of(side=side) for name in (VERTICAL_SECANT["slow"], LOAD, PRESSURE) for side in SIDES]

@@ -170,7 +170,7 @@ def lateral_stiffness(times: Samples, rig: Rig, values: Values, frequency: float
         pinned -= of("lateral.force") / rig["lateral_frame_stiffness"]
         X = pinned + (rig["centre_height"] + rig["lateral_actuator_height"]) * roll
     else:
-        # It reads ÿ + gφ − hφ̈: its axis leans with the bolster, and it is h above the centre.
+        # It reads ÿ + gφ − hφ̈, because its axis rolls with the bolster, and it is mounted h above the centre.
         centre = (rig["gravity"] * roll - of(_ACCELEROMETER)) / (tau * frequency) ** 2
         centre += rig["accelerometer_height"] * roll
         X = centre + rig["centre_height"] * roll

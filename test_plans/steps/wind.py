@@ -33,11 +33,11 @@ class Car:
 CAR: Final = Car()
 #: Highest wind of the gust over the mean wind around it, as in EN 14067-6.
 GUST_FACTOR: Final = 1.6946
-#: From the peak to where the gust has fallen to 1/e, along the track; then its mean over the car is taken.
+#: Distance along the track from the peak to 1/e of the gust, before averaging over the car.
 GUST_LENGTH: Final = 12.0 * m
 TURBULENCE: Final = 0.15
 LENGTH_SCALE: Final = 100.0 * m
-#: The mean wind rises and falls so slowly that nothing swings.
+#: Rise time of the mean wind, long enough to excite no oscillation.
 RISE: Final = 4.0 * s
 STEP: Final = 0.01 * s
 
@@ -101,7 +101,7 @@ def fade(times: Samples, rise: float = RISE) -> Samples:
 
 
 def on_the_bolster(force: Samples, rig: Mapping[str, float], car: Car = CAR) -> dict[str, Samples]:
-    """Return the contribution of each actuator to a wind ``force`` (N) on the bogie, by reading.
+    """Return the part of each actuator in a wind ``force`` (N) on the bogie, by reading.
 
     The lateral actuator acts below the wind; the vertical actuators supply the missing moment with opposite forces.
     """

@@ -158,7 +158,7 @@ def test_the_command_of_a_track_is_that_of_the_inverse_transfer_function():
     first = [np.abs(run.over_closed_form(run.wanted, late) - 1).max() for late in np.arange(0, 30 * ms, 1e-3)]
     assert min(first) > 0.1, "a command that was not corrected would pass"
     for one in run.driven:
-        assert one.reached == pytest.approx(one.wanted, rel=0.01) and abs(one.phase) <= 0.01
+        assert one.reached == pytest.approx(one.target, rel=0.01) and abs(one.phase) <= 0.01
 
 
 def test_noise_of_the_readings_does_not_enter_the_command():
