@@ -141,7 +141,8 @@ def _print_signals(out: TextIO) -> None:
     print(
         f"The signals `car.*` belong to the {_CAR.lower()} of a hybrid ride. The tables have the Modbus addresses.\n"
         "The [CAN messages](#can-messages) list the signals on CAN. A row with several signals lists their addresses\n"
-        "in the same order. A signal without a range is off or on.\n",
+        "in the same order. A signal without a range is off or on. Without a\n"
+        "resolution, its values are whole numbers or names.\n",
         file=out,
     )
     places = _modbus_places()
@@ -154,7 +155,7 @@ def _print_signals(out: TextIO) -> None:
                 (
                     _shortened([f"`{row.name}`" for row in rows], " to "),
                     "" if first.range_text() == "off / on" else first.range_text().replace("|", "/"),
-                    "" if first.choices else first.show(first.step),
+                    "" if first.choices or first.show(first.step) == "1" else first.show(first.step),
                     _shortened([places.get(row.name, ("", ""))[1] for row in rows], " … "),
                     _numberless(first.description) if len(rows) > 1 else first.description,
                 )
@@ -289,9 +290,10 @@ def parameters_page() -> str:
     sections = dict(_parameter_tables(tomllib.loads(PARAMETER_FILE.read_text(encoding="utf-8"))))
     for title, rows in sections.items():
         print(f"## {title}\n", file=out)
-        print("| parameter | value | unit | range | source |\n|---|---|---|---|---|", file=out)
+        print("| parameter | value | range | source |\n|---|---|---|---|", file=out)
         for name, row in rows.items():
-            cells = (_shown(row["value"]), row["unit"], f"{_shown(row['min'])} to {_shown(row['max'])}")
+            unit = f" {row['unit']}" if row["unit"] != "1" else ""
+            cells = (f"{_shown(row['value'])}{unit}", f"{_shown(row['min'])} to {_shown(row['max'])}")
             print(f"| `{name}` | {' | '.join(cells)} | {_with_provenance(row)} |", file=out)
         print(file=out)
     _print_sensors(out)
@@ -301,11 +303,12 @@ def parameters_page() -> str:
         "[Effects](effects.md) and unnamed surfaces set them. SI units. The default is 0 if the table has none.\n",
         file=out,
     )
-    print("| parameter | unit | range |\n|---|---|---|", file=out)
+    print("| parameter | range |\n|---|---|", file=out)
     for one in QUANTITIES:
         if one.default is not None:
             default = f" = {one.default:g}" if one.default else ""
-            print(f"| `{one.name}`{default} | {one.unit} | {one.low:g} to {one.high:g} |", file=out)
+            unit = f" {one.unit}" if one.unit != "1" else ""
+            print(f"| `{one.name}`{default} | {one.low:g} to {one.high:g}{unit} |", file=out)
     print(file=out)
     return out.getvalue()
 
