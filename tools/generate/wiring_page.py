@@ -30,15 +30,8 @@ _INTRODUCTION: Final = """\
 # Wiring file
 
 A wiring file describes a rig with other messages or registers than ours. It states the source or the target of each
-[signal](signals.md). It is `wiring.toml` next to `rig.toml`, or a table `[wiring]` of `rig.toml`:
-
-```toml
-name = "hall"
-description = "The bench in the hall"
-```
-
-ASTB starts no simulation for a rig with a wiring. Its rig file must not contain `[can]`, `[modbus]` or `[simulation]`.
-ASTB reports errors with file, key and a correct form before the bench connects.
+[signal](signals.md). It is `wiring.toml` next to `rig.toml`, or a table `[wiring]` of `rig.toml`. The rig file must then
+not contain `[can]`, `[modbus]` or `[simulation]`.
 
 ## An example
 
@@ -111,26 +104,23 @@ each other: expression or function, calibration, unit, sign. A reading from seve
 point arrives. It is not available if one of the points is stale, or if its number has no choice.
 
 **A set-point** is computed in the opposite direction, 50 times a second, and written to a point that its transport
-sends periodically. It exists only after a plan sets it; start values, for example of a DBC, are not used. Before the
-first command, only the orders of `sequences.open` and three signs of life (`alive`) are sent.
+sends periodically. It exists only after a plan sets it. Before the first command, only the orders of `sequences.open` and
+three signs of life (`alive`) are sent.
 
-**A setting** is written at once, together with the others of one call. The bench then waits until `read` returns the
-new value. If this takes longer than `within`, the bench writes the previous value again and reports the setting to the
-plan. Without `read`, the setting in force is the last written value, or `initial` before the first write, or else
-unknown. A `fixed` setting is never written; other values are refused.
+**A setting** is written at once, together with the others of one call. If `read` does not return the new value within
+`within`, the bench writes the previous value again. Without `read`, the setting in force is the last written value, or
+`initial` before the first write, or else unknown. A `fixed` setting is never written; other values are refused.
 
 **An action** writes its `value`, or several values one after the other.
 
 **A signal that is `absent`**, or that the file does not contain, is refused with the reason if a plan uses it. A choice
 without a number is refused, too.
 
-**A transport of kind `astb`** has our own messages and registers. It carries all signals without a line in the file. A
-line has priority: `absent`, or points of another transport. A rig without a wiring uses such a file,
-`astb/data/rigs/local/wiring.toml`.
+**A transport of kind `astb`** has our own messages and registers. It carries all signals without a line in the file. A rig
+without a wiring uses such a file, `astb/data/rigs/local/wiring.toml`.
 
-**Units** are display units (`mm`, `bar`, `kN`, `degC`, …) of the quantity of the signal. A calibration can convert from
-another quantity: `gain = "9.80665 N/kg"` from kilograms to newtons. Beyond its ends, a calibration table is
-extrapolated.
+**Units** are display units (`mm`, `bar`, `kN`, `degC`, …) of the quantity of the signal. A calibration table is
+extrapolated beyond its ends.
 
 **Expressions** contain numbers, the last names of the points, `+ - * /`, parentheses, `min`, `max` and `abs`. A
 `function` is a function in the Python file `functions`. Its arguments are the numbers of the points in their order, and
@@ -170,7 +160,6 @@ the name of the transport, its table and the directory of the file. It returns a
 ([instructions](../how-to/connect-a-rig.md#write-a-transport)).
 """
 
-
 def wiring_page() -> str:
     """Return the text of the page."""
     out = io.StringIO()
@@ -186,7 +175,6 @@ def wiring_page() -> str:
         print(f"### {title}\n\n```toml\n{_example(module)}\n```\n", file=out)
     print(_OWN, end="", file=out)
     return out.getvalue()
-
 
 def _documented_keys(keys: type[msgspec.Struct]) -> Iterator[tuple[str, str, str]]:
     """Yield key, default and comment of each field; ValueError for a field without a comment."""
@@ -205,19 +193,16 @@ def _documented_keys(keys: type[msgspec.Struct]) -> Iterator[tuple[str, str, str
         text = comment[1].replace("``", "`").replace("|", "\\|")
         yield field.encode_name, _default(field), re.sub(r"^key `\w+`: ", "", text)
 
-
 def _default(field: Any) -> str:
     if field.required:
         return "needed"
     value = field.default_factory() if field.default is msgspec.NODEFAULT else field.default
     return "" if value in ("", None, [], {}) or isinstance(value, msgspec.Struct) else f"`{_toml(value)}`"
 
-
 def _toml(value: object) -> str:
     return {"True": "true", "False": "false"}.get(
         str(value), f'"{value}"' if isinstance(value, str) else str(value)
     )
-
 
 def _example(module: ModuleType) -> str:
     """Return the example in the docstring of a transport's module."""
