@@ -67,8 +67,9 @@ class Check(NamedTuple):
     doubt: bool
 
 
-LEFT_OUT: Final = "left out"
-STRAIGHT: Final = "left out; the simulation is driven by a straight line there"
+LEFT_OUT: Final = "this part is not used"
+STRAIGHT: Final = f"{LEFT_OUT}, and the simulation uses a straight line there"
+KEPT: Final = "the values are kept"
 CHECKS: Final = {
     check.name: check
     for check in (
@@ -89,7 +90,7 @@ CHECKS: Final = {
             f"the lowest or highest reading is held exactly while other columns move: for {CONSTANT} samples, or "
             f"{PLATEAUS} times for {PLATEAU}, and the noise that the column has elsewhere is not there",
             LEFT_OUT,
-            "kept",
+            KEPT,
             True,
         ),
         Check(
@@ -98,14 +99,14 @@ CHECKS: Final = {
             "usual) while other columns move, and the noise that the column has elsewhere is not there, or it is left "
             f"by a jump of {JUMP:g} usual steps",
             LEFT_OUT,
-            "kept",
+            KEPT,
             True,
         ),
         Check(
             "coarse steps",
             f"fewer than {COARSE} steps over the whole range, larger than the noise",
-            "kept; nothing smaller than a step is resolved",
-            "kept; nothing smaller than a step is resolved",
+            f"{KEPT}, but nothing smaller than a step is resolved",
+            f"{KEPT}, but nothing smaller than a step is resolved",
             False,
         ),
         Check(
@@ -132,8 +133,8 @@ class Remark:
     def sentence(self) -> str:
         """Return the remark as a sentence."""
         return (
-            f"{self.file}, {self.column}: {self.check}, {self.count} of {self.samples} samples, first {self.first}: "
-            f"{self.found}; {self.consequence}"
+            f"{self.file}, {self.column} ({self.check}, {self.count} of {self.samples} samples, first at "
+            f"{self.first}): {self.found}; {self.consequence}"
         )
 
 
