@@ -19,6 +19,8 @@ RHO_0: Final = 1.185  #: ISO 6358 reference density, kg/m³
 #: A chamber that empties within this time has an ordinary leak.
 _EMPTYING_TIME: Final = 30.0
 _BAR: Final = 1e5
+#: Symbols of the equations of all leaks.
+_SYMBOLS: Final = "G: mass flow out of the chamber (kg/s); p, p_a: absolute pressure inside and outside (Pa)"
 _LEAK_NAMES: Final = ("leak_orifice", "leak_linear", "leak_laminar", "leak_inertial", "leak_opening")
 
 
@@ -40,22 +42,27 @@ def _leaks(volume: float) -> tuple[Hypothesis, ...]:
     )
     return (
         _leak(
-            "leak_orifice", "leak through an orifice", sonic,
-            "G = C·ρ_0·p·√(T_0/T)·q(p_a/p), q = 1 up to the critical ratio b, then an ellipse", "ISO 6358-1",
+            "leak_orifice", "leak through an orifice", "through an orifice", sonic,
+            "G = C·ρ_0·p·√(T_0/T)·q(p_a/p), q = 1 up to the critical ratio b, then an ellipse",
+            "C: conductance (m³/(s·Pa)); ρ_0: reference density, 1.185 kg/m³; T_0: reference temperature, 293.15 K; "
+            "T: gas temperature (K)", "ISO 6358-1",
             shapes=(Parameter("critical_ratio", "1", 0.4, 0.15, 0.05, 0.6, step=0.02, display="1"),),
             grid=((0.2,), (0.5,)),
         ),
         _leak(
-            "leak_linear", "leak in proportion to the gauge pressure", linear, "G = k·(p − p_a)",
+            "leak_linear", "leak in proportion to the gauge pressure", "in proportion to the gauge pressure", linear,
+            "G = k·(p − p_a)", "k: conductance (kg/(s·Pa))",
             "a permeable wall", richer=("leak_opening",),
         ),
         _leak(
-            "leak_laminar", "laminar leak through a narrow gap", squares, "G = k·(p² − p_a²)",
+            "leak_laminar", "laminar leak through a narrow gap", "through a narrow gap in laminar flow", squares,
+            "G = k·(p² − p_a²)", "k: conductance (kg/(s·Pa²))",
             "Hagen-Poiseuille for an ideal gas at constant temperature", richer=("leak_inertial", "leak_opening"),
         ),
         _leak(
-            "leak_inertial", "leak through pores, turbulent at high flow", squares,
-            "p² − p_a² = G/k + G²/(k·p_t)²", "P. Forchheimer, 1901",
+            "leak_inertial", "leak through pores, turbulent at high flow",
+            "through pores, with turbulence at high flow", squares, "p² − p_a² = G/k + G²/(k·p_t)²",
+            "k: conductance (kg/(s·Pa²)); p_t: transition pressure to turbulent flow (Pa)", "P. Forchheimer, 1901",
             shapes=(
                 Parameter(
                     "transition", "Pa", 3.0 * _BAR, 4.0 * _BAR, 0.02 * _BAR, 200.0 * _BAR, logarithmic=True,
@@ -65,8 +72,10 @@ def _leaks(volume: float) -> tuple[Hypothesis, ...]:
             grid=((0.5 * _BAR,), (2.0 * _BAR,), (8.0 * _BAR,)),
         ),
         _leak(
-            "leak_opening", "leak through pores that the pressure opens", linear,
+            "leak_opening", "leak through pores that the pressure opens", "through pores that the pressure opens",
+            linear,
             "G = k·(p − p_a)·(1 + s·(p − p_a)); s = 0 is a fixed permeable wall, s = 1/(2 p_a) a fixed laminar gap",
+            "k: conductance (kg/(s·Pa)); s: opening (1/Pa)",
             "first order of a conductance that grows with the load on the wall",
             shapes=(
                 Parameter("opening", "1/Pa", 0.3 / _BAR, 0.5 / _BAR, 0.0, 20.0 / _BAR, step=1e-3 / _BAR,
@@ -78,12 +87,13 @@ def _leaks(volume: float) -> tuple[Hypothesis, ...]:
 
 
 def _leak(
-    name: str, title: str, amplitude: Parameter, equation: str, source: str,
+    name: str, title: str, how: str, amplitude: Parameter, equation: str, symbols: str, source: str,
     shapes: tuple[Parameter, ...] = (), grid: tuple[tuple[float, ...], ...] = ((),), richer: tuple[str, ...] = (),
 ) -> Hypothesis:  # fmt: skip
     confusers = (*(other for other in _LEAK_NAMES if other != name), "sensor_drift")
     return Hypothesis(
-        name, "leak", title, amplitude, shapes, grid, frozenset({"gas"}), confusers, richer, equation, source,
+        name, "leak", title, amplitude, shapes, grid, frozenset({"gas"}), confusers, richer,
+        f"{equation}\n{_SYMBOLS}; {symbols}", source, plain=f"the chamber leaks {how}",
         phenomenon="a leak", separated_by="one discharge from the highest pressure to the lowest",
     )  # fmt: skip
 
@@ -103,8 +113,9 @@ _HEAT: Final = (
         amplitude=Parameter("time_constant", "s", 0.0, 5.0, 0.0, 60.0, step=0.01, display="s"),
         touches=frozenset({"gas"}),
         confusers=_LEAK_NAMES,
-        equation="dT/dt = (T_w − T)/τ − (κ − 1)·T·G/m",
-        source="first law for a gas that leaves; τ = m·c_v/(hS)",
+        equation="dT/dt = (T_w − T)/τ − (κ − 1)·T·G/m\nT, T_w: temperature of gas and wall (K); t: time, τ: time "
+        "constant (s); κ = 1.4: ratio of specific heats; G: mass flow out of the chamber (kg/s); m: mass of gas (kg)",
+        source="first law of thermodynamics for a gas that leaves a chamber",
     ),
     Hypothesis(
         name="filling_heat",
@@ -116,7 +127,8 @@ _HEAT: Final = (
         grid=((5.0,), (20.0,), (60.0,)),
         touches=frozenset({"gas"}),
         confusers=_LEAK_NAMES,
-        equation="T = T_w + ΔT·exp(−t/τ), t since the start of the file",
+        equation="T = T_w + ΔT·exp(−t/τ)\nT, T_w: temperature of gas and wall (K); ΔT: excess temperature (K); "
+        "t: time since the start of the file, τ: time constant (s)",
         source="compression while filling",
     ),
 )
@@ -130,6 +142,7 @@ _DRIFT: Final = Hypothesis(
     ),
     touches=frozenset({"sensor"}),
     confusers=_LEAK_NAMES,
-    equation="p_m = p + r·t, t since the start of the file",
+    equation="p_m = p + r·t\np_m: measured pressure, p: true pressure (Pa); r: rate (Pa/s); t: time since the start of "
+    "the file (s)",
     source="data sheets of transducers",
 )

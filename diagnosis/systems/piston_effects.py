@@ -50,9 +50,16 @@ REFERENCE_PRESSURE: Final = 4e5
 #: Presliding of friction without presliding: far below the resolution of a sampled motion.
 SHARP: Final = 1e-6
 
+#: Symbols of the equations.
+_SYMBOLS: Final = "F: force that holds the piston (N); p: gauge pressure (Pa); A: area of the piston (m²)"
+_SPEED: Final = "v: speed (m/s), positive if the gas is compressed"
+_PLACE: Final = "x: displacement that compresses the gas (m)"
+_MIDDLE: Final = f"{_PLACE}; x_m: middle of the stroke (m)"
+_SEAL: Final = "F_4: friction force at 4 bar (N); w: share of this force that grows with the pressure"
+
 _BERG: Final = "M. Berg, Vehicle System Dynamics 33 (S1), 1999"
 _STRIBECK: Final = "B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (7), 1994"
-_SEALS: Final = "G. Belforte, N. D'Alfio, T. Raparelli, J. Fluid Control 20, 1989: affine in the pressure"
+_SEALS: Final = "G. Belforte, N. D'Alfio, T. Raparelli, J. Fluid Control 20, 1989: linear in the pressure"
 
 
 def _force(name: str, low: float, spread: float = 10.0, step: float = 1e-3) -> Parameter:
@@ -91,20 +98,20 @@ _EFFECTS: Final = (
         name="coulomb",
         family="friction",
         title="Coulomb friction",
-        plain="the seals have friction",
+        plain="the seals have a constant friction force",
         amplitude=_force("force", 0.0),
         touches=frozenset({"force"}),
         confusers=("viscous",),
         richer=("seal_friction", "seal_presliding"),
         phenomenon="friction of the seals",
-        equation="F = p·A + F_c·sign(v)",
+        equation=f"F = p·A + F_c·sign(v)\n{_SYMBOLS}; {_SPEED}; F_c: friction force (N)",
         source="C. A. de Coulomb, 1785",
     ),
     Hypothesis(
         name="seal_friction",
         family="friction",
         title="seal friction growing with pressure",
-        plain="the seals have friction that grows with the pressure",
+        plain="the seals have a friction force that grows with the pressure",
         amplitude=_force("force_at_4_bar", 0.0),
         shapes=(_share(),),
         grid=((0.4,), (0.7,), (1.0,)),
@@ -112,14 +119,14 @@ _EFFECTS: Final = (
         confusers=("viscous",),
         richer=("seal_presliding",),
         phenomenon="friction of the seals",
-        equation="F = p·A + F_4·(1 − w + w·p/4 bar)·sign(v)",
+        equation=f"F = p·A + F_4·(1 − w + w·p/4 bar)·sign(v)\n{_SYMBOLS}; {_SPEED}; {_SEAL}",
         source=_SEALS,
     ),
     Hypothesis(
         name="seal_presliding",
         family="friction",
         title="seal friction growing with pressure, with presliding",
-        plain="the seals have friction that grows with the pressure, and deform before they slide",
+        plain="the seals have a friction force that grows with the pressure, and deform before they slide",
         amplitude=_force("force_at_4_bar", 0.0),
         shapes=(_share(), _presliding()),
         grid=tuple((w, x_2) for w in (0.4, 0.7, 1.0) for x_2 in (0.05e-3, 0.15e-3, 0.5e-3)),
@@ -127,14 +134,16 @@ _EFFECTS: Final = (
         confusers=("force_lag",),
         phenomenon="friction of the seals",
         separated_by="the same motion at two pressures, with reversals sampled finely",
-        equation="F = p·A + F_4·(1 − w + w·p/4 bar)·α(x; x_2)",
+        equation=f"F = p·A + F_4·(1 − w + w·p/4 bar)·α(x; x_2)\n{_SYMBOLS}; {_SEAL}; α: friction state after "
+        f"Berg, from −1 to 1, which changes its sign after a reversal over the presliding displacement x_2 (m); "
+        f"{_PLACE}",
         source=f"{_SEALS}; presliding: {_BERG}",
     ),
     Hypothesis(
         name="stribeck",
         family="friction",
         title="friction falling with speed (Stribeck)",
-        plain="the friction falls with speed, as by Stribeck",
+        plain="the friction force falls with speed, as described by Stribeck",
         amplitude=_force("force", 0.0),
         shapes=(
             Parameter(
@@ -152,18 +161,19 @@ _EFFECTS: Final = (
         grid=((2e-3,), (5e-3,), (10e-3,)),
         touches=frozenset({"force"}),
         confusers=("coulomb", "viscous"),
-        equation="F = p·A + F_s·exp(−(v/v_s)²)·sign(v)",
+        equation=f"F = p·A + F_s·exp(−(v/v_s)²)·sign(v)\n{_SYMBOLS}; {_SPEED}; F_s: friction force at rest (N); "
+        "v_s: Stribeck speed (m/s)",
         source=_STRIBECK,
     ),
     Hypothesis(
         name="friction_gradient",
         family="friction",
         title="friction growing along the stroke",
-        plain="the friction grows along the stroke",
+        plain="the friction force grows along the stroke",
         amplitude=Parameter("force_per_length", "N/m", 0.0, 100.0, step=0.1, display="N/mm", scale=1e3),
         touches=frozenset({"force"}),
         confusers=("spring",),
-        equation="F = p·A + G·(x − x_m)·sign(v), x_m the middle of the stroke",
+        equation=f"F = p·A + G·(x − x_m)·sign(v)\n{_SYMBOLS}; {_SPEED}; {_MIDDLE}; G: friction force per length (N/m)",
         source="a bore that is not cylindrical, a guide that is not straight",
     ),
     Hypothesis(
@@ -174,7 +184,7 @@ _EFFECTS: Final = (
         amplitude=Parameter("damping", "N*s/m", 0.0, 500.0, low=0.0, step=0.5, display="N*s/m"),
         touches=frozenset({"force"}),
         confusers=("coulomb",),
-        equation="F = p·A + d·v",
+        equation=f"F = p·A + d·v\n{_SYMBOLS}; {_SPEED}; d: damping (N·s/m)",
         source=_STRIBECK,
     ),
     Hypothesis(
@@ -185,7 +195,7 @@ _EFFECTS: Final = (
         amplitude=Parameter("stiffness", "N/m", 0.0, 100.0, step=0.1, display="N/mm", scale=1e3),
         touches=frozenset({"force"}),
         confusers=("area_gradient",),
-        equation="F = p·A + k·(x − x_m)",
+        equation=f"F = p·A + k·(x − x_m)\n{_SYMBOLS}; {_MIDDLE}; k: stiffness (N/m)",
         source="Hooke",
     ),
     Hypothesis(
@@ -196,14 +206,14 @@ _EFFECTS: Final = (
         amplitude=Parameter("relative_per_length", "1/m", 0.0, 1.0, step=1e-3, display="%/mm", scale=10.0),
         touches=frozenset({"force"}),
         confusers=("spring",),
-        equation="F = p·A·(1 + g·(x − x_m))",
+        equation=f"F = p·A·(1 + g·(x − x_m))\n{_SYMBOLS}; {_MIDDLE}; g: relative change of the area per length (1/m)",
         source="a conical bore",
     ),
     Hypothesis(
         name="drive_ripple",
         family="drive",
         title="ripple of the drive's spindle",
-        plain="the drive's spindle has a ripple",
+        plain="the spindle of the drive causes a ripple of the force",
         amplitude=_force("force", -20.0, spread=1.0, step=1e-3),
         shapes=(
             Parameter(
@@ -226,7 +236,7 @@ _EFFECTS: Final = (
             (pitch * 1e-3, phase) for pitch in (2.0, 2.5, 2.9, 3.0, 3.1, 4.0, 5.0) for phase in (0.0, 1.5708)
         ),
         touches=frozenset({"force"}),
-        equation="F = p·A + R·sin(2π·x/λ + φ)",
+        equation=f"F = p·A + R·sin(2π·x/λ + φ)\n{_SYMBOLS}; {_PLACE}; R: force (N); λ: pitch (m); φ: phase (rad)",
         source="a spindle out of line presses on the guide once in a turn",
     ),
     Hypothesis(
@@ -237,7 +247,7 @@ _EFFECTS: Final = (
         amplitude=_lag(),
         touches=frozenset({"sensor"}),
         confusers=("seal_presliding",),
-        equation="τ·Ḟ_m + F_m = F, exact for a straight line between samples",
+        equation="τ·dF_m/dt + F_m = F\nF_m: measured force, F: true force (N); τ: lag (s); t: time (s)",
         source="first-order filter of the amplifier",
     ),
     Hypothesis(
@@ -247,7 +257,7 @@ _EFFECTS: Final = (
         plain="the pressure signal lags behind",
         amplitude=_lag(),
         touches=frozenset({"sensor"}),
-        equation="p = p_m + τ·ṗ_m",
+        equation="p = p_m + τ·dp_m/dt\np_m: measured pressure, p: true pressure (Pa); τ: lag (s); t: time (s)",
         source="first-order filter of the amplifier",
     ),
     Hypothesis(
@@ -257,7 +267,8 @@ _EFFECTS: Final = (
         plain="the force signal drifts",
         amplitude=Parameter("rate", "N/s", 0.0, 0.02, step=2e-5, display="N/s"),
         touches=frozenset({"sensor"}),
-        equation="F_m = F + r·t, t since the start of the file",
+        equation="F_m = F + r·t\nF_m: measured force, F: true force (N); r: rate (N/s); t: time since the start "
+        "of the file (s)",
         source="warming of the amplifier",
     ),
 )
