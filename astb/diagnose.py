@@ -21,7 +21,8 @@ from bench_sim.parameters.dimensions import built_as, dimensions_of
 from diagnosis.contracts import Dataset, DiagnosisError, Experiment, Role, Simulator
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
-from diagnosis.estimates import decimals
+from diagnosis.engine.summary import TESTING
+from diagnosis.estimates import decimals, in_words
 from diagnosis.finding import Cause, CheckPrediction, Estimate, Finding, Provenance
 from diagnosis.report.page import first_screen, headline, write_report
 from diagnosis.systems.air_spring.simulator import AirSpring
@@ -82,7 +83,7 @@ def diagnose_data(request: DiagnosisRequest, out: Path, console: "Console") -> F
     parameters = load(request.model)
     clear_results(out)
     with progress_bar(console) as progress:
-        progress("read the data", 0.0)
+        progress("reading the data", 0.0)
         simulator, dataset = read_data(request.data, request.map_path, parameters, request.simulator)
         config = Config(
             seed=request.seed, effects=chosen_effects(request.effects, simulator, parameters.effects)
@@ -264,12 +265,7 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
     def line(text: str, style: str = "") -> None:
         console.print(text, style=style, soft_wrap=True)
 
-    checked = [
-        f"{row.file}, {row.column}: {row.check}: {row.found}; {row.consequence}"
-        for row in finding.quality
-        if not row.doubt
-    ]
-    for one in (*finding.readings, *checked):
+    for one in (*finding.readings, *_checked(finding)):
         line(one)
     for doubt in finding.doubts:
         line(f"doubtful: {doubt}", "yellow")
@@ -278,30 +274,47 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
         line(f"{label}: {text}")
     line(f"  model: {finding.provenance.identity or finding.provenance.simulator}")
     line(f"  {_roles(finding.provenance)}")
-    for cause in finding.causes:
-        line(f"  {_cause(cause)}")
-        for law in cause.laws:
-            line(f"  or, as a law of {cause.phenomenon}: {law.effect} ({law.title})")
-    laws = {(cause.effect, law.effect) for cause in finding.causes for law in cause.laws}
-    for rival in (one for one in finding.ambiguous_with if (one.instead_of, one.effect) not in laws):
-        line(f"  or, instead of {rival.instead_of}: {rival.effect} ({rival.title})")
-    for suspect in finding.suspects:
-        line(f"  candidate, but not accepted: {suspect.effect}")
+    for one in _candidates(finding):
+        line(f"  {one}")
     if finding.checks:
         console.print(_checks(finding.checks))
     for run in finding.next_runs[:1]:
-        line(f"  the next run that can decide: astb run {run.experiment.partition(' ')[0]}")
+        line(f"  command of the next run: astb run {run.experiment.partition(' ')[0]}")
     if (out / VALUES).exists():
         line(f"  parameters: {out / PARAMETERS}, and {out / VALUES} for other tools")
     line(f"  report: {out / REPORT}")
 
 
+def _checked(finding: Finding) -> list[str]:
+    """Return the results of the data checks that are no doubts, one line for all columns with the same result."""
+    columns: dict[tuple[str, str, str], list[str]] = {}
+    for row in finding.quality:
+        if not row.doubt:
+            columns.setdefault((row.file, row.found, row.consequence), []).append(row.column)
+    return [
+        f"{file}, {' and '.join(names)}: {found}; {then}" for (file, found, then), names in columns.items()
+    ]
+
+
+def _candidates(finding: Finding) -> Iterator[str]:
+    """Yield the causes with their laws, the alternatives to them, and the suspects, each with its key."""
+    for cause in finding.causes:
+        yield _cause(cause)
+        for law in cause.laws:
+            yield f"another possible law of {cause.phenomenon}: {law.title} (key {law.effect})"
+    laws = {(cause.effect, law.effect) for cause in finding.causes for law in cause.laws}
+    titles = {cause.effect: cause.title for cause in finding.causes}
+    for rival in (one for one in finding.ambiguous_with if (one.instead_of, one.effect) not in laws):
+        yield f"possible instead of {titles[rival.instead_of]}: {rival.title} (key {rival.effect})"
+    for suspect in finding.suspects:
+        yield f"not accepted: {suspect.title} (key {suspect.effect})"
+
+
 def _checks(rows: Sequence[CheckPrediction]) -> "Table":
     """Return the predicted figures of plans by each model, rounded to their uncertainty."""
-    columns = ("check", "stock", "tuned", "extended", "±", "measured", "unit")
-    table = open_table(
-        "Statistics: stiffness and damping at the checks' frequencies", *columns, whole=columns[:1]
-    )
+    columns = ("check", "stock", "tuned", "extended", "± (95 %)", "measured", "unit")
+    title = "Predicted stiffness K' and damping c: stock, tuned (base model), extended (with the causes)"
+    table = open_table(title, *columns, whole=columns[:1])
     for one in rows:
         places = decimals(-(one.uncertainty or 0.0), one.uncertainty or 0.0)
         values = (one.stock, one.tuned, one.extended, one.uncertainty, one.measured)
@@ -312,9 +325,13 @@ def _checks(rows: Sequence[CheckPrediction]) -> "Table":
 
 
 def _roles(of: Provenance) -> str:
-    """Return the runs of each role as text: fitted, choice of causes, validation of the gain."""
-    roles = {"fitted to": of.fit, "causes selected on": of.select, "gain measured on": of.report}
-    return "; ".join(f"{what} {_runs(names)}" for what, names in roles.items() if names)
+    """Return the runs of each role as text."""
+    roles: tuple[tuple[Role, list[str]], ...] = (
+        ("fit", of.fit),
+        ("select", of.select),
+        ("report", of.report),
+    )
+    return "; ".join(f"{TESTING[role]}: {_runs(names)}" for role, names in roles if names)
 
 
 def _runs(names: Sequence[str], most: int = 4) -> str:
@@ -323,16 +340,16 @@ def _runs(names: Sequence[str], most: int = 4) -> str:
 
 def _cause(cause: Cause) -> str:
     values = ", ".join(_estimate(one) for one in cause.parameters)
-    return f"{cause.effect}: {cause.title}; {values}"
+    return f"cause: {cause.title} (key {cause.effect}): {values}"
 
 
 def _estimate(one: Estimate) -> str:
-    unit = "" if one.unit == "1" else f" {one.unit}"
+    name, unit = in_words(one.name), "" if one.unit == "1" else f" {one.unit}"
     if one.below is not None:
-        return f"{one.name} too small to measure: below {one.below:.2g}{unit}"
+        return f"{name} below {one.below:.2g}{unit} (too small to measure)"
     if one.value is None:
-        return f"{one.name} unknown"
+        return f"{name} unknown"
     if one.low is None or one.high is None:
-        return f"{one.name} {one.value:.4g}{unit}"
+        return f"{name} = {one.value:.4g}{unit}"
     digits = decimals(one.low, one.high)
-    return f"{one.name} {one.value:.{digits}f}{unit} (95 %: {one.low:.{digits}f} to {one.high:.{digits}f})"
+    return f"{name} = {one.value:.{digits}f}{unit} (95 %: {one.low:.{digits}f} to {one.high:.{digits}f})"

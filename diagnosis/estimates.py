@@ -24,6 +24,23 @@ def number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
+def in_words(name: str, owner: str = "") -> str:
+    """Return the name of a parameter as text: ``left.initial_pressure`` as "initial pressure of left".
+
+    ``owner`` is the title of its effect.
+    """
+    place, _, what = name.rpartition(".")
+    return " of ".join(one for one in (what.replace("_", " "), place, owner) if one)
+
+
+def with_unit(value: float, unit: str, digits: int) -> str:
+    """Return a number with ``digits`` digits; a power of ten is used only from one million on."""
+    text = f"{value:.{digits}g}"
+    if "e+" in text and abs(value) < 1e6:
+        text = f"{float(text):.0f}"
+    return text + ("" if unit == "1" else f" {unit}")
+
+
 def numbers(values: Iterable[float], digits: int = 5) -> list[float | None]:
     """Return floats for a figure with ``digits`` significant digits; None (null) if not finite."""
     return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values]

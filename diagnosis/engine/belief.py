@@ -12,6 +12,7 @@ from __future__ import annotations
 from diagnosis.engine.config import CONTRADICTED_PRIOR, PRIORS_SHOWN, STRAINED_PRIOR
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.point import Coordinate
+from diagnosis.estimates import Z95, with_unit
 from diagnosis.finding import Imitation
 
 
@@ -23,10 +24,11 @@ def contradicted(model: FittedModel) -> list[str]:
     for sigmas, coordinate in sorted(far, key=lambda pair: -pair[0])[:PRIORS_SHOWN]:
         parameter = coordinate.parameter
         value, nominal, spread = _believed(coordinate, model)
-        unit = "" if (shown := parameter.display or parameter.unit) == "1" else f" {shown}"
+        unit = parameter.display or parameter.unit
+        fitted, half = with_unit(value, unit, 4), with_unit(Z95 * spread, unit, 2)
         sentences.append(
-            f"{coordinate.label} was fitted as {value:.4g}{unit}, but its prior is {nominal:.4g} ± {spread:.2g}{unit} "
-            f"(distance: {sigmas:.0f} standard deviations). Check the units, signs and settings of the data"
+            f"{coordinate.in_words({})} was fitted as {fitted}, but its expected value is {nominal:.4g} ± {half} "
+            f"(95 %). The distance is {sigmas:.0f} standard deviations. Check the units, signs and settings of the data"
         )
     return sentences
 

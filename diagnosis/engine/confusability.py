@@ -33,9 +33,9 @@ from diagnosis.engine.config import (
     WORTH_A_LINE,
     Config,
 )
-from diagnosis.engine.fitting.linear import Linearisation
+from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.screening import Screening
-from diagnosis.estimates import number, numbers
+from diagnosis.estimates import in_words, number, numbers
 from diagnosis.finding import Confusability, Pair, Unseen
 
 
@@ -97,23 +97,23 @@ class Company:
 
 
 def unseen(
-    screening: Screening, linearisation: Linearisation, company: Company, found: Collection[str] = ()
+    screening: Screening, model: FittedModel, company: Company, found: Collection[str] = ()
 ) -> list[Unseen]:
     """Return for each effect that was not found the smallest size that would be found in 95 % of cases.
 
     The size holds for the point of the grid where the effect is most visible. The scores were projected on
-    ``linearisation``.
+    ``model``.
     """
     names = [n for n in dict.fromkeys(c.effect.name for c in screening.candidates) if n not in found]
     result = []
     for name in names:
         mine = [i for i, c in enumerate(screening.candidates) if c.effect.name == name]
         best = max(mine, key=lambda i: float(screening.root_information[i]))
-        result.append(_unseen(screening, linearisation, company, best))
+        result.append(_unseen(screening, model, company, best))
     return result
 
 
-def _unseen(screening: Screening, linearisation: Linearisation, company: Company, place: int) -> Unseen:
+def _unseen(screening: Screening, model: FittedModel, company: Company, place: int) -> Unseen:
     candidate, per_unit = screening.candidates[place], float(screening.root_information[place])
     effect, amplitude = candidate.effect, candidate.effect.amplitude
     raw = float(screening.projection.raw[place])
@@ -125,25 +125,27 @@ def _unseen(screening: Screening, linearisation: Linearisation, company: Company
     smallest = needed / per_unit if per_unit > 0.0 else math.inf
     # What of the model imitates the footprint best, by the size of its part.
     parts = np.abs(screening.projection.regression[:, place]) * np.sqrt(
-        np.diagonal(linearisation.information)
+        np.diagonal(model.linearisation.information)
     )
-    hidden_by = (
-        linearisation.point.coordinates[int(np.argmax(parts))].label
-        if visible < HIDDEN_FOOTPRINT and parts.size
-        else ""
-    )
+    hidden_by = hides = ""
+    if visible < HIDDEN_FOOTPRINT and parts.size:
+        coordinate = model.point.coordinates[int(np.argmax(parts))]
+        hidden_by, hides = coordinate.label, coordinate.in_words(model.replay.simulator.catalogue)
     unit = _unit(amplitude)
     if raw == 0.0:
-        sentence = "has no influence on these runs"
+        sentence = "It has no influence on these runs"
     elif smallest > most:
-        sentence = f"is not visible in these runs{f': {hidden_by} imitates it' if hidden_by else ''}"
+        why = f", because a change of {hides} has the same effect" if hides else ""
+        sentence = f"It is not visible in these runs{why}"
     elif not company.quiet:
-        sentence = "may be there: the remaining error exceeds the noise, so no detectable size is known"
+        sentence = (
+            "It may exist, but no detectable size is known, because the remaining error exceeds the noise"
+        )
     else:
         at = ", ".join(_with_unit(p, v) for p, v in zip(effect.shapes, candidate.shapes, strict=True))
-        sentence = f"would have been found from a size of {smallest / amplitude.scale:.3g} {unit}".rstrip()
-        sentence += (f" (at {at})" if at else "") + (
-            f", although {hidden_by} imitates most of it" if hidden_by else ""
+        sentence = f"It would be found from {smallest / amplitude.scale:.3g} {unit}".rstrip()
+        sentence += (f" (for {at})" if at else "") + (
+            f", although a change of {hides} imitates most of it" if hides else ""
         )
     return Unseen(
         effect=effect.name,
@@ -158,7 +160,7 @@ def _unseen(screening: Screening, linearisation: Linearisation, company: Company
 
 
 def _with_unit(parameter: Parameter, value: float) -> str:
-    return f"{parameter.name} {value / parameter.scale:.3g} {_unit(parameter)}".rstrip()
+    return f"{in_words(parameter.name)} {value / parameter.scale:.3g} {_unit(parameter)}".rstrip()
 
 
 def _unit(parameter: Parameter) -> str:

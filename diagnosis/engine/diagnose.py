@@ -276,7 +276,7 @@ def _not_seen(judgement: Judgement, left: Remainder, config: Config) -> list[Uns
     """Return the detection limit of each effect that was not found."""
     screened, accepted = judgement.screened, judgement.found.accepted
     company = Company(sum(a.lambda_**2 for a in accepted), screened.model.samples, left.after, config)
-    return unseen(screened.screening, screened.model.linearisation, company, [one.effect for one in accepted])
+    return unseen(screened.screening, screened.model, company, [one.effect for one in accepted])
 
 
 def verdict_on(
@@ -308,8 +308,8 @@ def _causes(
         effect = hypotheses[one.effect]
         others = laws(found, hypotheses, one.effect, fits[one.effect])
         would = next((hypotheses[law.effect].separated_by for law in others), "") or effect.separated_by
-        told = intervals(effect, named, covariance)
-        causes.append(cause(one, effect, told, left, others, would if others else ""))
+        numbers = intervals(effect, named, covariance)
+        causes.append(cause(one, effect, numbers, left, others, would if others else ""))
     return causes
 
 
@@ -352,11 +352,11 @@ def _remains(data: Dataset, judgement: Judgement, left: Remainder) -> list[str]:
         for i in screening.exceeding
     ]
     titles = {one.effect.name: one.effect.title for one in screening.candidates}
-    sentences += [
-        f"{titles.get(trial.effect, trial.effect)} was not accepted, because {trial.failed}."
-        for trial in judgement.found.steps[-1].trials
-        if trial.failed
-    ]
+    reasons: dict[str, str] = {}
+    for trial in judgement.found.steps[-1].trials:
+        if trial.failed:
+            reasons.setdefault(titles.get(trial.effect, trial.effect), trial.failed)
+    sentences += [f"{title} was not accepted, because {reason}." for title, reason in reasons.items()]
     if not judgement.model.converged:
         sentences.append("The fit of the last model did not converge; its intervals are not reliable.")
     if left.after > NOISE_RATIO_SHOWN:

@@ -46,7 +46,7 @@ def unfit(model: FittedModel, base: FittedModel) -> str:
     """Return why a fit with one more effect is not an explanation, as a clause; "" if it may be one."""
     gap = model.bic - base.bic
     if not gap < 0.0:
-        return f"BIC is worse by {gap:.1f}" if model.converged else "another candidate is far better"
+        return f"the BIC gets worse by {gap:.1f}" if model.converged else "another candidate is far better"
     return unphysical(model, base)
 
 
@@ -64,7 +64,7 @@ def useless(
     """
     if after is not None and before is not None and before.lpd - after.lpd >= config.lpd_loss:
         loss = before.lpd - after.lpd
-        return f"it predicts the validation runs worse: their log predictive density falls by {loss:.1f}"
+        return f"it predicts the validation runs worse (log density lower by {loss:.1f})"
     return explains_too_little(model, after, base, before, floors, config)
 
 
@@ -79,11 +79,9 @@ def unphysical(model: FittedModel, base: FittedModel) -> str:
         if coordinate.weight and abs(number) > max(
             STRAINED_PRIOR, strained.get(coordinate, 0.0) + FURTHER_STRAIN
         ):
+            name = coordinate.in_words(model.replay.simulator.catalogue)
             value = _shown(coordinate, number)
-            return (
-                f"it needs {coordinate.label} = {value}, {abs(number):.1f} prior standard deviations from the expected "
-                "value"
-            )
+            return f"it needs {name} = {value}, {abs(number):.1f} standard deviations from the expected value"
     before = out_of_range(base)
     return next((why for which, why in out_of_range(model).items() if which not in before), "")
 
@@ -103,8 +101,8 @@ def out_of_range(model: FittedModel) -> dict[Coordinate, str]:
             and outwards
             and push**2 > RANGE_CHI2 * model.noise.dispersion * fitted.information[i, i]
         ):
-            value = _shown(coordinate, number)
-            found[coordinate] = f"{coordinate.label} reaches the limit of its range, {value}"
+            name = coordinate.in_words(model.replay.simulator.catalogue)
+            found[coordinate] = f"the {name} reaches the limit of its range ({_shown(coordinate, number)})"
     return found
 
 
@@ -125,7 +123,7 @@ def merely_rough(gained: float, explained: float, threshold: float, config: Conf
     if not explained or gained >= config.rough**2 * explained + threshold**2:
         return ""
     part = math.sqrt(gained / explained)
-    return f"it adds {percent(part)} to the explained misfit, which may be an error of the accepted causes"
+    return f"it adds only {percent(part)} to the accepted causes, which may be an error of their equations"
 
 
 def explains_too_little(
@@ -156,8 +154,8 @@ def explains_too_little(
     if gained >= config.gain:
         return ""
     name = replay.simulator.channels[channel].name
-    part = f"only {percent(gained)}" if gained > 0.0 else "nothing"
-    return f"it explains {part} of the misfit in {name}, the channel that it affects most"
+    part = f"only {percent(gained)}" if gained > 0.0 else "0 %"
+    return f"it reduces the error of {name} by {part}, although it affects this channel most"
 
 
 def noise_floors(channels: Sequence[Channel], runs: Sequence[MeasuredRun], noise: Noise) -> Array:

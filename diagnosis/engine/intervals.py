@@ -44,11 +44,11 @@ def intervals(effect: Hypothesis, model: FittedModel, covariance: Array) -> list
         ends = [coordinate.to_value(end) for end in profiled(model, place, wider)]
         deviation = float(np.sqrt(max(covariance[place, place], 0.0))) * coordinate.scale
         value = coordinate.to_value(float(model.point.numbers[place]))
-        told = estimate(coordinate.parameter, value, deviation, (min(ends), max(ends)))
+        one = estimate(coordinate.parameter, value, deviation, (min(ends), max(ends)))
         finest = resolution(model, place)
         if abs(value) < finest:
-            told = unresolved(coordinate.parameter, max(finest, *map(abs, ends)))
-        found.append(told)
+            one = unresolved(coordinate.parameter, max(finest, *map(abs, ends)))
+        found.append(one)
     return found
 
 

@@ -27,7 +27,7 @@ from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.linear import Linearisation, solve
 from diagnosis.engine.fitting.predict import Prediction, predict
 from diagnosis.engine.whitening import filters
-from diagnosis.estimates import number
+from diagnosis.estimates import in_words, number
 from diagnosis.finding import NextRun, NextSensor
 
 
@@ -142,7 +142,7 @@ def sensors(first: FittedModel, second: FittedModel) -> list[NextSensor]:
         gap = _unexplained(base, footprint, free)
         if gap > WORTH_A_REFERENCE * now:
             before = f"{now:.3g}" if now >= 0.01 else "below 0.01"
-            how = known.get(name, f"measure {name} against a reference")
+            how = known.get(name, f"measure {in_words(name)} against a reference")
             found.append(
                 NextSensor(
                     name=name,

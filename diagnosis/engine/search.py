@@ -49,8 +49,9 @@ def search(problem: Problem, progress: Progress = lambda _text, _part: None) -> 
         done = len(state.current.effects) / problem.config.max_effects
         trials: tuple[Trial, ...] = ()
         if done < 1.0:
-            model = " + ".join(("the base model", *state.current.effects))
-            progress(f"fitting candidates in addition to {model}", 0.1 + 0.8 * done)
+            titles = [problem.hypotheses[name].title for name in state.current.effects]
+            beside = " and ".join(f'"{title}"' for title in titles) or "the base model"
+            progress(f"fitting candidates in addition to {beside}", 0.1 + 0.8 * done)
             trials = fit_trials(problem, state)
         state = state.after(trials)
         chosen = (
@@ -62,7 +63,7 @@ def search(problem: Problem, progress: Progress = lambda _text, _part: None) -> 
             progress("looking for a second cause", 0.1 + 0.8 * done)
             chosen = choose_with_strained(problem, state, trials)
         if chosen is None and done < 1.0 and far_above_noise(state):
-            progress("looking for causes that act only at times", 0.1 + 0.8 * done)
+            progress("looking for causes that act only in parts of the runs", 0.1 + 0.8 * done)
             plain = plainly(problem, state)
             trials = look_again(problem, plain, trials)
             state = state.with_further(trials)

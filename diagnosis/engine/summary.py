@@ -14,7 +14,7 @@ from diagnosis.contracts import Hypothesis, Role
 from diagnosis.engine.config import GAINS_LITTLE
 from diagnosis.engine.remainder import Remainder
 from diagnosis.engine.screening import Screening
-from diagnosis.estimates import decimals, percent
+from diagnosis.estimates import Z95, decimals, in_words, percent, with_unit
 from diagnosis.finding import (
     NAMED,
     SUSPECTED,
@@ -58,12 +58,17 @@ WHERE: Final = MappingProxyType(
         "sensor": "the sensors: zero, calibration, mounting",
         "acquisition": "converters, gateways and clocks of the data acquisition",
         "rig": "frame, supports and actuators: mounting and alignment",
+        "leak": "the chamber, its seals and fittings: tightness",
+        "heat": "the gas and the walls: temperatures, and the waiting time after filling",
+        "lubrication": "seals and guides: lubrication",
+        "geometry": "the bore, and hoses and cables that can pull: shape and stiffness",
+        "drive": "spindle and bearings of the drive: alignment",
     }
 )
 ROLES: Final[Mapping[Role, str]] = MappingProxyType(
     {
-        "report": "On the test runs",
-        "select": "On the validation runs",
+        "report": "On the test runs, which no fit uses",
+        "select": "On the validation runs, which select the causes",
         "fit": "On the fit runs",
     }
 )
@@ -95,10 +100,11 @@ class Conclusions:
 def summarised(finding: Finding, beside: Conclusions) -> Finding:
     """Return a finding with its summary, and with a sentence without figures of channels and without advice."""
     wrong, sure, error = _wrong(finding), _sentences(_sure(finding, beside)), _error(beside.left, finding)
-    told = finding.causes or finding.unknowns or beside.left.large
     return replace(
         finding,
-        sentence=_sentences([wrong, sure, error if told else ""]),
+        sentence=_sentences(
+            [wrong, sure, error if finding.causes or finding.unknowns or beside.left.large else ""]
+        ),
         summary=Summary(
             wrong=wrong,
             sure=sure,
@@ -152,15 +158,15 @@ def _imitated(imitations: Sequence[Imitation], *, many: bool) -> str:
     if not imitations:
         return ""
     one = imitations[0]
-    without = f" Without {'these causes' if many else 'this cause'}, the best fit needs "
+    without = f" Without {'these causes' if many else 'this cause'}, the best fit gives "
     return (
-        f"{without}{one.name} = {_with_unit(one.before, one.unit, 4)}. The prior of this parameter is {_prior(one)}, "
-        f"so the fitted value is {one.sigmas:.3g} prior standard deviations away."
+        f"{without}{in_words(one.name)} = {with_unit(one.before, one.unit, 4)}. The expected value of this parameter "
+        f"is {_prior(one)}. The fitted value is {with_unit(one.sigmas, '1', 3)} standard deviations away from it."
     )
 
 
 def _prior(one: Imitation) -> str:
-    return f"{one.expected:.4g} ± {_with_unit(one.sd, one.unit, 2)}"
+    return f"{one.expected:.4g} ± {with_unit(Z95 * one.sd, one.unit, 2)} (95 %)"
 
 
 def _sure(found: Finding, beside: Conclusions) -> list[str]:
@@ -191,7 +197,9 @@ def _alternatives(found: Finding) -> str:
         instead.setdefault(titles.get(one.instead_of, one.instead_of), []).append(_with_size(one))
     return _sentences(
         [
-            f"Instead of {title}, these runs can also be explained by {'; or '.join(names)}."
+            f"These effects explain the runs as well as {title}: {'; '.join(names)}."
+            if names[1:]
+            else f"{_begun(names[0])} explains the runs as well as {title}."
             for title, names in instead.items()
         ]
     )
@@ -210,8 +218,8 @@ def _suspected(found: Finding, left: Remainder) -> str:
         f"{what} only suspected, because the prediction of the {TESTING[left.role]} does not clearly improve."
     )
     if found.imitations:
-        name = found.imitations[0].name
-        text += f" The base model can imitate this cause. Only the prior of {name} contradicts the imitation."
+        name = in_words(found.imitations[0].name)
+        text += f" The base model can imitate this cause. Only the expected value of {name} contradicts this."
     return text
 
 
@@ -220,7 +228,7 @@ def _which_law(one: Cause) -> str:
     if not one.laws:
         return ""
     laws = " or ".join([_with_size(one), *map(_with_size, one.laws)])
-    would = f" {_run('A run that distinguishes them', one.separated_by)}" if one.separated_by else ""
+    would = f" {_run('This run distinguishes them', one.separated_by)}" if one.separated_by else ""
     return f"These runs cannot distinguish several laws of {one.phenomenon}: {laws}.{would}"
 
 
@@ -255,10 +263,13 @@ def _nearest(causes: Sequence[Cause], suspects: Sequence[Suspect]) -> str:
             f"The best {'candidates are' if many else 'candidate is'} {names}, but most of the error remains. "
             "The cause may be a similar effect that was not tested."
         )
-    told = []
-    for place, one in zip(chain(["best"], repeat("next")), suspects, strict=False):
-        told.append(f"{_begun(_with_size(one))} is the {place} candidate, but {one.why}.")
-    return " ".join(told)
+    places = chain(["best"], repeat("next"))
+    return _sentences(
+        [
+            f"{_begun(_with_size(one))} is the {place} candidate, but {one.why}."
+            for place, one in zip(places, suspects, strict=False)
+        ]
+    )
 
 
 def _worth(one: Cause) -> str:
@@ -291,14 +302,15 @@ def _shown_by(found: Finding) -> str:
     if seen and not found.suspected:
         one = max(seen, key=lambda gain: gain.noise_ratio_before or 0.0)
         before, after, floor = (
-            _with_unit(value or 0.0, one.unit, 3) for value in (one.rmse_before, one.rmse_after, one.floor)
+            with_unit(value or 0.0, one.unit, 3) for value in (one.rmse_before, one.rmse_after, one.floor)
         )
         return f"The error of {one.channel} changes most clearly, from {before} to {after} (noise: {floor})."
     if not found.imitations:
         return ""
     number = found.imitations[0]
-    before, after = (_with_unit(value, number.unit, 4) for value in (number.before, number.after))
-    return f"{number.name} is {before} without the cause and {after} with it. Its prior is {_prior(number)}."
+    before, after = (with_unit(value, number.unit, 4) for value in (number.before, number.after))
+    name = in_words(number.name)
+    return f"Without the cause {name} is {before}, with it {after}. The expected value is {_prior(number)}."
 
 
 def _in_checks(found: Finding) -> str:
@@ -313,8 +325,8 @@ def _in_checks(found: Finding) -> str:
     extended, half, tuned, stock, read = (f"{value:.{places}f}" for value in numbers)
     seen = f" The measured value in {one.run} is {read}." if one.measured is not None else ""
     return (
-        f"The clearest result of a test plan is {one.name}. The model predicts {extended} ± {half} {one.unit} with the "
-        f"cause, {tuned} without it, and {stock} with the parameters as shipped.{seen}"
+        f"The clearest result of a test plan is {one.name}. The model predicts {extended} ± {half} {one.unit} (95 %) "
+        f"with the cause, {tuned} without it, and {stock} with the parameters as shipped.{seen}"
     )
 
 
@@ -333,15 +345,15 @@ def _next(found: Finding, beside: Conclusions) -> str:
         return "Add the effect that you expect to the catalogue, and repeat the diagnosis."
     places = dict.fromkeys(WHERE[one.family] for one in effects if one.family in WHERE)
     others = dict.fromkeys(one.title for one in effects if one.family not in WHERE)
-    parts = [f"Inspect {'; and '.join(places)}."] if places else []
-    parts += [f"Search for the cause of: {'; '.join(others)}."] if others else []
+    parts = [f"Inspect {place}." for place in places]
+    parts += [f"Search for: {'; '.join(others)}."] if others else []
     tests = [one.separated_by for one in effects if one.separated_by]
     if found.next_runs:
-        parts.append(f"Next run: {found.next_runs[0].experiment}.")
+        parts.append(_run("Make this run next", found.next_runs[0].experiment))
     elif found.next_sensors:
         parts.append(f"{_begun(found.next_sensors[0].sentence.rstrip('.'))}.")
     elif tests:
-        parts.append(_run("Next run", tests[0]))
+        parts.append(_run("Make this run next", tests[0]))
     return _sentences(parts)
 
 
@@ -358,25 +370,17 @@ def _begun(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _with_unit(value: float, unit: str, digits: int) -> str:
-    """Return a number with ``digits`` digits; a power of ten is used only from one million on."""
-    text = f"{value:.{digits}g}"
-    if "e+" in text and abs(value) < 1e6:
-        text = f"{float(text):.0f}"
-    return text + ("" if unit == "1" else f" {unit}")
-
-
 def _size(parameters: Sequence[Estimate]) -> str:
     first = parameters[0]
-    unit = "" if first.unit == "1" else f" {first.unit}"
+    name, unit = in_words(first.name), "" if first.unit == "1" else f" {first.unit}"
     if first.below is not None:
-        return f"below {first.below:.2g}{unit}"
+        return f"{name} below {first.below:.2g}{unit}"
     if first.value is None:
-        return f"{first.name} unknown"
+        return f"{name} unknown"
     if first.low is None or first.high is None:
-        return f"{first.value:.4g}{unit}"
+        return f"{name} = {first.value:.4g}{unit}"
     half = 0.5 * (first.high - first.low)
     if abs(first.value - first.low - half) > 0.1 * half:  # a valley that bends, or a range that ends
-        return f"{first.value:.4g}{unit}, 95 %: {first.low:.3g} to {first.high:.3g}"
+        return f"{name} = {first.value:.4g}{unit}, 95 %: {first.low:.3g} to {first.high:.3g}{unit}"
     places = decimals(first.low, first.high)
-    return f"{first.value:.{places}f} ± {half:.{places}f}{unit}"
+    return f"{name} = {first.value:.{places}f} ± {half:.{places}f}{unit}, 95 %"

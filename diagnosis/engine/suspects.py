@@ -25,7 +25,7 @@ from diagnosis.engine.wording import estimates
 from diagnosis.estimates import number
 from diagnosis.finding import Cause, Estimate, Suspect
 
-INSTEAD: Final = "its evidence is no stronger than that of {other}"
+INSTEAD: Final = "{other} explains the data equally well"
 MOST_LEFT: Final = "most of the error remains with it"
 
 
@@ -49,18 +49,18 @@ def suspects(
     ``dismissed`` were removed from the final model, ``found`` is the result of the search, ``left`` are causes that
     leave most of the error. Rivals within ``gap`` of the BIC are included.
     """
-    told = [_suspect(hypotheses[c.effect], c.parameters, MOST_LEFT, c.strength) for c in left]
+    listed = [_suspect(hypotheses[c.effect], c.parameters, MOST_LEFT, c.strength) for c in left]
     for one in sorted(dismissed, key=lambda one: -one.accepted.lambda_):
         hypothesis = hypotheses[one.accepted.effect]
         numbers = intervals(hypothesis, one.model, widened(one.model, ()))
-        told.append(_suspect(hypothesis, numbers, one.why, number(one.accepted.lambda_)))
-        told += [
+        listed.append(_suspect(hypothesis, numbers, one.why, number(one.accepted.lambda_)))
+        listed += [
             _tried(hypotheses[trial.effect], trial, INSTEAD.format(other=hypothesis.title))
             for trial in one.accepted.near(one.model.bic, gap)
         ]
-    if not told:
-        told += [_tried(hypotheses[trial.effect], trial, trial.failed) for trial in _nearest(found, gap)]
-    return list({suspect.effect: suspect for suspect in reversed(told)}.values())[::-1]
+    if not listed:
+        listed += [_tried(hypotheses[trial.effect], trial, trial.failed) for trial in _nearest(found, gap)]
+    return list({suspect.effect: suspect for suspect in reversed(listed)}.values())[::-1]
 
 
 def _nearest(found: SearchResult, gap: float) -> list[Trial]:

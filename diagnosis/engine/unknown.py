@@ -79,6 +79,7 @@ def explain(
     deviations = np.sqrt(np.maximum(np.diagonal(fitted.covariance())[places], 0.0))
     regions = _regions(test.surface, fitted.point.numbers[places], deviations)
     nearest = resemblance(test, screening)
+    titles = {one.effect.name: one.effect.title for one in screening.candidates}
     unknown = Unknown(
         surface=test.surface.name,
         title=test.surface.title,
@@ -89,14 +90,14 @@ def explain(
         lpd_gain=number(gain),
         regions=regions,
         nearest=nearest,
-        sentence=_sentence(test.surface, regions, nearest, kept),
+        sentence=_sentence(test.surface, regions, [titles[one.effect] for one in nearest], kept),
         figure=_map(test.surface, fitted.point.values()[places], deviations),
     )
     return (fitted if kept else model), unknown
 
 
 #: Why a surface is not a part of the final model.
-_NOT_KEPT: Final = "It is not kept, because it does not predict the {} runs better"
+_NOT_KEPT: Final = "The surface is not kept, because it does not predict the {} runs better"
 
 
 def dropped(unknown: Unknown) -> Unknown:
@@ -162,7 +163,7 @@ def _regions(surface: Surface, coefficients: Array, deviations: Array) -> list[R
     return found
 
 
-def _sentence(surface: Surface, regions: Sequence[Region], nearest: Sequence[Nearest], kept: bool) -> str:
+def _sentence(surface: Surface, regions: Sequence[Region], similar: Sequence[str], kept: bool) -> str:
     acts, seen = [], []
     for name in surface.coordinates:
         mine = [r for r in regions if r.coordinate == name]
@@ -172,10 +173,12 @@ def _sentence(surface: Surface, regions: Sequence[Region], nearest: Sequence[Nea
             seen.append(f"{what} {_span(first.visited_low, first.visited_high)} {unit}".rstrip())
             if (mine[0].low, mine[-1].high) != (first.visited_low, first.visited_high) or len(mine) > 1:
                 acts.append(f"{what} {' and '.join(_span(r.low, r.high) for r in mine)} {unit}".rstrip())
-    parts = [surface.title[:1].upper() + surface.title[1:] + (f", at {', '.join(acts)}" if acts else "")]
-    if nearest:
-        parts.append(f"The most similar known effects are {', '.join(n.effect for n in nearest)}")
-    parts.append("It is valid only for " + (", ".join(seen) if seen else "the range of these runs"))
+    parts = [f"A smooth surface was fitted to this error: {surface.title}"]
+    if acts:
+        parts.append(f"The surface is large at {' and '.join(acts)}")
+    if similar:
+        parts.append(f"The most similar known effects are: {'; '.join(similar)}")
+    parts.append(f"The surface is valid only for {' and '.join(seen) or 'the range of these runs'}")
     if not kept:
         parts.append(_NOT_KEPT.format("validation"))
     return ". ".join(parts) + "."

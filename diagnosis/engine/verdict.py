@@ -52,7 +52,7 @@ from diagnosis.engine.unknown import clear_surfaces, dropped, explain
 from diagnosis.finding import Unknown, Verdict
 
 #: Why a cause leaves that the form of the model may have made.
-OWED: Final = "its evidence does not exceed the model's structural error"
+OWED: Final = "an error in the equations of the model can explain the same misfit"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,7 +128,7 @@ def _leaving(
         return {least.effect: next(iter(impossible.values()))}
     if clear and (similarities := doubtful(model, clear[0], found.accepted, problem.select, problem.config)):
         return dict.fromkeys(
-            similarities, f"it is not needed with a fitted surface ({clear[0].surface.title})"
+            similarities, f"a fitted surface ({clear[0].surface.title}) explains the same error"
         )
     left = residual_bound(problem.select, found.floors)
     if unsure := vague(model, screened.tests, found.accepted, left, found.state.finite):

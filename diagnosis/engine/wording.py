@@ -15,7 +15,7 @@ from diagnosis.engine.remainder import Remainder
 from diagnosis.engine.screening import Screening
 from diagnosis.engine.search_state import Accepted, SearchResult, Trial
 from diagnosis.engine.undecided import Undecided
-from diagnosis.estimates import estimate, number
+from diagnosis.estimates import estimate, in_words, number
 from diagnosis.finding import NAMED, SUSPECTED, Cause, Estimate, Rival, Score
 
 
@@ -87,11 +87,11 @@ def rivals(
     found: SearchResult, effects: Mapping[str, Hypothesis], gap: float, alike: Sequence[Undecided] = ()
 ) -> list[Rival]:
     """Return the other effects that explain the data, or predict unseen runs, as well as a cause."""
-    told = [
+    found_rivals = [
         (a.effect, r.effect, "", estimates(effects[r.effect], r.point, r.covariance), r.bic - found.model.bic)
         for a, r in found.ambiguous(gap)
     ]
-    told += [
+    found_rivals += [
         (
             one.instead_of,
             one.effect,
@@ -111,7 +111,7 @@ def rivals(
             bic_gap=number(worse),
             cosine=_cosine(found, cause_, effect),
         )
-        for cause_, effect, alone, parameters, worse in told
+        for cause_, effect, alone, parameters, worse in found_rivals
     ]
 
 
@@ -143,7 +143,7 @@ def scores(found: SearchResult, beside: Screening) -> list[Score]:
                 score=number(float(first.z[i])),
                 strength=number(float(abs(first.projection.z[i]))),
                 shape=", ".join(
-                    f"{p.name} = {v / p.scale:.4g} {p.display or p.unit}".removesuffix(" 1")
+                    f"{in_words(p.name)} = {v / p.scale:.4g} {p.display or p.unit}".removesuffix(" 1")
                     for p, v in zip(candidate.effect.shapes, candidate.shapes, strict=True)
                 ),
                 outcome=outcome,
@@ -159,7 +159,7 @@ def _still_scores(name: str, beside: Screening) -> str:
     score = float(beside.z[beside.best(name)])
     if score <= beside.threshold:
         return "below the threshold in the final model"
-    return f"its score is still {score:.1f} in the final model, so the effect may be there as well"
+    return f"it may be there as well, because its score is still {score:.1f} in the final model"
 
 
 def _cosine(found: SearchResult, first: str, second: str) -> float | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,7 +40,7 @@ def trace_curves(name: str, trace: Trace) -> str:
         axes.plot(times, values(trace.after), color=AFTER, linewidth=0.9, label="after")
         axes.margins(x=0.0, y=0.06)
         heading(axes, trace.channel, trace.unit)
-        _foot(axes, "s")
+        _foot(axes, f"time in s, {trace.run}")
         _legend(axes)
         return svg(figure, name)
 
@@ -54,13 +54,13 @@ def trace_errors(name: str, trace: Trace) -> str:
         times = np.array(trace.error_times)
         if trace.noise is not None:
             axes.axhspan(
-                -2.0 * trace.noise, 2.0 * trace.noise, color="#d3dae0", linewidth=0, label="noise ± 2σ"
+                -2.0 * trace.noise, 2.0 * trace.noise, color="#d3dae0", linewidth=0, label="noise (95 %)"
             )
         axes.plot(times, values(trace.error_before), color=BEFORE, linewidth=0.8, label="before")
         axes.plot(times, values(trace.error_after), color=AFTER, linewidth=0.8, label="after")
         axes.margins(x=0.0, y=0.06)
-        heading(axes, "measured minus predicted", trace.unit)
-        _foot(axes, f"s of {trace.run}")
+        heading(axes, f"{trace.channel}: measured minus predicted", trace.unit)
+        _foot(axes, f"time in s, {trace.run}")
         _legend(axes)
         return svg(figure, name)
 
@@ -86,7 +86,7 @@ def gain_rows(name: str, gains: Sequence[Gain]) -> str:
         axes.set_yticks(range(len(rows)), [gain.channel for gain in rows], color=INK)
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.grid(visible=False, axis="y")
-        heading(axes, "Error over noise", "", what="RMSE / noise floor")
+        heading(axes, "Error over noise", "", what="RMS error / noise")
         _legend(axes)
         return _sized(svg(figure, name), width)
 
@@ -128,7 +128,7 @@ def score_points(name: str, scores: Sequence[Score], threshold: float) -> str:
         _plain_log(axes, "x")
         axes.set_yticks(range(len(shown)), [s.title for s in shown], color=INK)
         axes.set_ylim(len(shown) - 0.4, -0.6)
-        heading(axes, "Scores", "", what=f"z; filled: named; dashed: threshold {threshold:.2f}")
+        heading(axes, "Scores", "", what=f"filled: cause; dashed: threshold {threshold:.2f}")
         return _sized(svg(figure, name), labels + 4.15)
 
 
@@ -169,8 +169,11 @@ def panel_map(name: str, rows: Sequence[PanelRow]) -> str:
         return _sized(svg(figure, name), width + right)
 
 
-def cosine_map(name: str, confusability: Confusability) -> str:
-    """Draw the cosines between the footprints of all effects; those above 0.9 have a number."""
+def cosine_map(name: str, confusability: Confusability, titles: Mapping[str, str]) -> str:
+    """Draw the cosines between the footprints of all effects; those above 0.9 have a number.
+
+    ``titles`` has the name of each effect. The columns have the numbers of the rows.
+    """
     effects = confusability.effects
     if len(effects) < 2:
         return ""
@@ -178,10 +181,11 @@ def cosine_map(name: str, confusability: Confusability) -> str:
         from matplotlib.colors import LinearSegmentedColormap
 
         colors = LinearSegmentedColormap.from_list("alike", ["#ffffff", "#c6dcea", PALETTE[0], "#00334f"])
-        labels = _room(effects)
-        side = min(7.4, 0.30 * len(effects))
-        width = side + labels + 0.9
-        figure, axes = panel(side + labels + 0.1, width=width, left=labels, right=0.9, bottom=0.1, top=labels)
+        numbers = [str(place) for place, _ in enumerate(effects, start=1)]
+        rows = [f"{titles[effect]} ({place})" for effect, place in zip(effects, numbers, strict=True)]
+        labels, side = _room(rows), min(7.4, 0.30 * len(effects))
+        width = side + labels + 0.1
+        figure, axes = panel(side + 0.4, width=width, left=labels, right=0.1, bottom=0.1, top=0.3)
         for i, row in enumerate(confusability.cosines):
             for j, cosine in enumerate(row):
                 if i == j or cosine is None:
@@ -191,15 +195,17 @@ def cosine_map(name: str, confusability: Confusability) -> str:
                 if cosine > 0.9:
                     text = f"{cosine:.2f}".lstrip("0")
                     axes.text(j, i, text, ha="center", va="center", fontsize=6.5, color="white")
-        _name_cells(axes, effects, effects)
+        _name_cells(axes, numbers, rows, rotation=0)
         return _sized(svg(figure, name), width)
 
 
-def _name_cells(axes: Axes, columns: Sequence[str], rows: Sequence[str]) -> None:
+def _name_cells(axes: Axes, columns: Sequence[str], rows: Sequence[str], rotation: float = 52) -> None:
     axes.set_xlim(-0.5, len(columns) - 0.5)
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.set_yticks(range(len(rows)), rows, color=INK)
-    axes.set_xticks(range(len(columns)), columns, rotation=52, ha="left", color=INK)
+    axes.set_xticks(
+        range(len(columns)), columns, rotation=rotation, ha="left" if rotation else "center", color=INK
+    )
     axes.xaxis.tick_top()
     axes.grid(visible=False)
     axes.spines[:].set_visible(False)
@@ -322,7 +328,7 @@ def shift_rows(name: str, rows: Sequence[tuple[str, float]]) -> str:
         axes.set_yticks(range(len(rows)), [label for label, _ in rows], color=INK)
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.grid(visible=False, axis="y")
-        heading(axes, "Shift of the base parameters", "", what="σ")
+        heading(axes, "Shift of the base parameters", "", what="in standard deviations")
         return _sized(svg(figure, name), width)
 
 

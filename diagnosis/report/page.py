@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from itertools import starmap
 from pathlib import Path
@@ -29,6 +30,7 @@ from bench_records.document import (
 from bench_records.twin import PARTS
 from bench_records.typography import primed
 from diagnosis.contracts import DataQuality
+from diagnosis.estimates import Z95, in_words
 from diagnosis.finding import (
     Cause,
     CheckPrediction,
@@ -69,10 +71,27 @@ HEADLINES: Final = {
 }
 
 
-_SCORE: Final = (
-    "The parameters of the base model can imitate a part of the change that an effect causes. The rest of the change "
-    "is the footprint of the effect. The score shows how strongly the residual of the base model contains the "
-    "footprint, in standard deviations of the noise."
+#: Terms of the statistics and their meaning.
+_TERMS: Final = (
+    ("base model", "the model that was diagnosed, with its parameters fitted to the data"),
+    ("candidate", "an effect that the base model lacks and that the diagnosis tests"),
+    ("cause", "a candidate that passed every test, and is accepted"),
+    ("final model", "the base model with the causes"),
+    ("fit runs", "runs to which parameters are fitted"),
+    ("validation runs", "runs that select among the candidates"),
+    ("test runs", "runs that measure the result; no fit uses them"),
+    ("prior", "the expected value of a parameter before the fit, with its uncertainty"),
+    ("residual", "measured value minus value of the fitted model, also called error"),
+    (
+        "footprint",
+        "the change of the measured values by an effect, without the part that other parameters can imitate",
+    ),
+    ("score", "how clearly the residual contains a footprint, in standard deviations of the noise"),
+    ("threshold", "the score that chance alone seldom exceeds"),
+    ("λ", "the size of the footprint, in standard deviations of the noise"),
+    ("cosine", "the similarity of two footprints, from 0 (different) to 1 (equal)"),
+    ("BIC", "a number that compares models by their misfit and number of parameters; a lower BIC is better"),
+    ("log density", "how well a model predicts runs, with its uncertainty; a higher value is better"),
 )
 _STYLE: Final = """\
 .banner.calm { --tone: var(--pass); } .banner.found { --tone: var(--found); }
@@ -89,26 +108,27 @@ dl.first > div { display: grid; grid-template-columns: 8.5rem 1fr; gap: 0 .8rem;
 dl.first, dl.first dd { margin: 0; } dl.first dt { color: var(--soft); }
 @media (max-width: 40rem) { dl.first > div { grid-template-columns: 1fr; } }
 .statistics { font-size: 1.5rem; margin: 2.4rem 0 .6rem; }
-ul.told { max-width: 54rem; } ul.told li { margin-bottom: .18rem; }
+ul.sentences { max-width: 54rem; } ul.sentences li { margin-bottom: .18rem; }
 """
 #: Names of the settings of a diagnosis on the page.
 _SETTINGS: Final = {
     "alpha": "chance of a false alarm",
     "alpha_unknown": "significance level of surfaces",
     "max_effects": "maximum number of causes",
-    "fits": "candidates that each step fits",
-    "ambiguous": "BIC gap of alternatives, at most",
-    "lpd_loss": "allowed loss of log predictive density, validation runs",
-    "rough": "λ of a further cause, as a share of the accepted ones, at least",
-    "gain": "explained share of the error in a channel, at least",
+    "fits": "candidates fitted in each step",
+    "ambiguous": "largest BIC gap of alternatives",
+    "lpd_loss": "allowed loss of log density of the validation runs",
+    "workers": "processor threads",
+    "rough": "smallest λ of a further cause, as a share of the accepted causes",
+    "gain": "smallest explained share of the error in a channel",
     "with_panel": "with tests of the error",
     "with_gain": "with the gain on test runs",
     "effects": "tested effects",
 }
 _DOUBTFUL: Final = Markup("<b>Doubtful:</b> ")
 _COVERED: Final = (
-    "Fewer than expected: the errors are larger than the noise. More than expected: the noise was estimated too "
-    "large."
+    "If fewer samples than expected are in a band, the errors are larger than the noise. If more samples are in it, "
+    "the noise was estimated too large."
 )
 
 
@@ -159,8 +179,8 @@ def render(finding: Finding, history: InvestigationHistory | None = None) -> str
     lines = (element("dt", label) + element("dd", prose(text)) for label, text in first_screen(finding))
     shows_proof = finding.models.effects and finding.traces and not finding.suspected
     head = (
-        bullets((_DOUBTFUL + prose(one) for one in finding.doubts), "told"),
-        bullets(map(prose, finding.readings), "told"),
+        bullets((_DOUBTFUL + prose(one) for one in finding.doubts), "sentences"),
+        bullets(map(prose, finding.readings), "sentences"),
         Banner(
             "suspected" if finding.suspected else finding.verdict.value,
             element("dl", joined(element("div", one) for one in lines), "first"),
@@ -182,16 +202,21 @@ def _conclusions(finding: Finding, history: InvestigationHistory | None) -> Iter
     """Yield the sections on data quality, causes and rivals, suspects, history, unknown effects, detectability and
     gain.
     """
+    titles = _titles(finding)
     if finding.quality:
-        heads = "file | column | check | found | count | first | consequence"
-        yield section("Data quality", table(heads, map(_quality_row, finding.quality)))
+        heads = "file | column | check | finding | count | first | treatment"
+        yield section(
+            "Data quality",
+            "The checks of the data found these problems.",
+            table(heads, map(_quality_row, finding.quality)),
+        )
     if finding.causes:
         others = "Other causes that explain these runs equally well"
         yield section(
             "The causes" if finding.causes[1:] else "The cause",
             *map(_cause, finding.causes),
             subheading(others) if finding.ambiguous_with else "",
-            *(_candidate(one, f", instead of {one.instead_of}") for one in finding.ambiguous_with),
+            *(_candidate(one, f", instead of: {titles[one.instead_of]}") for one in finding.ambiguous_with),
         )
     if finding.suspects:
         yield section(
@@ -209,7 +234,7 @@ def _conclusions(finding: Finding, history: InvestigationHistory | None) -> Iter
         yield section(
             "How this was found",
             table(":n | plan | minutes :n value | why | result so far", rows),
-            caption(f"{used} were used. Reason for the end: {typeset(history.ended)}"),
+            caption(f"The runs used {used}. Reason for the end: {typeset(history.ended)}"),
         )
     if finding.unknowns:
         yield section("Unknown effects", *starmap(_unknown, enumerate(finding.unknowns)))
@@ -228,27 +253,33 @@ def _quality_row(one: DataQuality) -> tuple[object, ...]:
 def _cause(cause: Cause) -> Markup:
     """Return a cause and the other laws of its phenomenon."""
     other = f", another law of {cause.phenomenon}"
-    separated = f" A run that can: {typeset(cause.separated_by)}." if cause.separated_by else ""
-    note = f"These runs cannot distinguish it from {cause.title}.{separated}"
+    separated = (
+        f" This run can distinguish them: {typeset(cause.separated_by)}." if cause.separated_by else ""
+    )
+    note = f"These runs cannot distinguish this law from {cause.title}.{separated}"
     return joined([_candidate(cause), *(_candidate(law, other, note) for law in cause.laws)])
 
 
 def _candidate(one: Cause | Rival | Suspect, about: str = "", note: str = "") -> Markup:
-    name = element("small", f"\u2002{one.family}\u2002·\u2002{one.effect}{about}")
-    rows = [(_named(p), *pair(p.value, p.sd), unit(p.unit), interval(p)) for p in one.parameters]
+    name = element("small", f"\u2002family: {one.family}\u2002·\u2002key: {one.effect}{about}")
+    rows = [(in_words(p.name), pair(p.value, p.sd)[0], unit(p.unit), interval(p)) for p in one.parameters]
+    source = getattr(one, "source", "")
+    equation, _, symbols = getattr(one, "equation", "").partition("\n")
     parts = (
         element("h3", joined([one.title, " ", name])),
-        paragraph(getattr(one, "equation", ""), "equation"),
-        table("parameter | value :n value | standard error :n | :u | 95 % interval :n", rows),
-        paragraph(getattr(one, "source", ""), "source"),
+        paragraph(equation, "equation"),
+        paragraph(symbols, "source"),
+        table("parameter | value :n value | unit :u | 95 % interval :n", rows),
+        paragraph(source and f"Source: {source}", "source"),
         caption(note),
     )
     return element("div", joined(parts), "cause" if isinstance(one, Cause) else "cause rival") + "\n"
 
 
 def _unknown(place: int, one: Unknown) -> Markup:
-    valid = "It is valid only in the range of these runs, and does not name a cause."
-    about = paragraph(prose(one.sentence)) + caption(f"The surface is fitted to the remaining error. {valid}")
+    about = paragraph(prose(one.sentence)) + caption(
+        "A surface is a smooth function of two quantities without a physical meaning. It does not name a cause."
+    )
     drawn = drawings.panel_figure(f"unknown{place}", one.title, one.figure) if one.figure else ""
     return element("div", element("div", about) + figure(drawn), "pair")
 
@@ -257,13 +288,15 @@ def _detectable(unseen: Sequence[Unseen]) -> Markup:
     """Return the sizes from which on effects would be found; empty without any."""
     if not unseen:
         return Markup()
-    heads = "effect | family :u | smallest :n value | :u | remaining footprint :n | in words :u words"
+    heads = "effect | family :u | smallest :n value | unit :u | remaining footprint :n | result :u words"
     return section(
         "Smallest detectable effects",
         "An effect that was not found may still exist. At the size in this table or above, it would be found in 95 of "
         "100 cases.",
         table(heads, map(_unseen_row, unseen)),
-        caption("Remaining footprint: the part that the parameters of the model cannot imitate."),
+        caption(
+            "The remaining footprint is the share of the change that no parameter of the model can imitate."
+        ),
     )
 
 
@@ -275,22 +308,23 @@ def _unseen_row(one: Unseen) -> tuple[object, ...]:
 def _gain(finding: Finding) -> Markup:
     """Return the errors of both models on the report runs, and their curves."""
     extended, report = bool(finding.models.effects), finding.provenance.report
-    fitted = "Neither the base model nor the model with the causes was" if extended else "The model was not"
     covered = (map(percent, (one.level, one.before, one.after)) for one in finding.coverage)
-    within = [(f"within the {level} band of the noise", *both, level) for level, *both in covered]
+    within = [(f"in the {level} band of the noise", *both, level) for level, *both in covered]
     return section(
         "Improvement on the test runs" if extended else "How well the model predicts the test runs",
-        f"{fitted} fitted to {'these runs' if report[1:] else 'this run'}: {', '.join(report)}.",
+        f"No parameter was fitted to {'these runs' if report[1:] else 'this run'}: {', '.join(report)}.",
         table(
-            "channel | RMSE before :n | after :n value | noise :n | :u | before / signal :n | after / signal :n | "
-            "after / noise :n | removed share of the removable squared error :n value words | 95 % interval :n",
+            "channel | RMS error before :n | after :n value | noise :n | unit :u | before, share of the signal :n "
+            "words | after, share of the signal :n words | after, times the noise :n words | removed share of the "
+            "squared error :n value words | 95 % interval :n",
             map(_gain_row, finding.gains),
         ),
         caption(
-            "The removed share is (RMSE₀² − RMSE₁²) / (RMSE₀² − noise²), with RMSE₀ before and RMSE₁ after. Noise "
-            "cannot be removed. Signal: the standard deviation of the measurement."
+            "Before: the base model. After: the model with the causes. The signal is the standard deviation of the "
+            "measurement. The removed share is (RMS₀² − RMS₁²) / (RMS₀² − noise²). RMS₀ is the RMS error before, and "
+            "RMS₁ after. No model can remove the noise."
         ),
-        table("of the samples | before :n | after :n value | expected :n", within, "numbers"),
+        table("share of the samples | before :n | after :n value | expected :n", within, "numbers"),
         caption(_COVERED if within else ""),
         drawing(drawings.gain_rows("gains", finding.gains) if extended else ""),
         pairs(
@@ -315,38 +349,41 @@ def _statistics(finding: Finding) -> Iterator[Markup]:
     facts = {
         "error before, on the test runs": gain and f"{shown(gain.noise_ratio_before)} × noise",
         "error after": gain and f"{shown(gain.noise_ratio)} × noise",
-        "reduction of the removable error (RMS)": gain
+        "reduction of the RMS error beyond the noise": gain
         and gain.fraction is not None
         and percent(gain.reduction),
         "fit, validation and test runs": f"{len(source.fit)}, {len(source.select)}, {len(source.report)}",
         "tested effects": str(len(finding.scores)),
         "chance of a false alarm": percent(finding.alpha),
     }
-    known = key_facts((name, told) for name, told in facts.items() if told)
+    known = key_facts((name, text) for name, text in facts.items() if text)
     yield element("h2", "Statistics", "statistics") + known
+    yield section("Terms", facts_table(_TERMS))
     if finding.imitations:
         yield section(
             "Parameters that imitate the cause",
-            "Without the cause, the base model needs parameter values that contradict its priors. With the cause, the "
-            "values agree with the priors.",
+            "Without the cause, the fitted values of these parameters are far from the expected values. With the "
+            "cause, they agree. The distances are in standard deviations of the prior.",
             table(
-                "parameter | run :u | without the cause :n value | with it :n | expected :n | ± :n | :u | "
-                "distance without, in prior standard deviations :n | with it :n",
+                "parameter | run :u | without the cause :n value | with the cause :n | expected (prior) :n | "
+                "± (95 %) :n | unit :u | distance without the cause :n words | distance with the cause :n words",
                 map(_imitation_row, finding.imitations[:SHIFTS]),
             ),
         )
     if finding.checks:
         extended = ", and by the model with the causes (extended)" if finding.models.effects else ""
         heads = (
-            "check | stock :n | tuned :n | extended :n value | ± :n | measured :n value | :u | measured in :u"
+            "check | stock :n | tuned :n | extended :n value | ± (95 %) :n | measured :n value | unit :u | "
+            "measured in :u"
         )
         yield section(
-            "Stiffness and damping at the checks' frequencies",
-            "Results of test plans, predicted by the model with its parameters as shipped (stock), by the base model "
-            f"at its best fit (tuned){extended}.",
+            "Predicted results of test plans",
+            "These stiffnesses K′ and dampings c are predicted by the model with its parameters as shipped (stock), by "
+            f"the base model at its best fit (tuned){extended}. AW0 is the empty car, AW3 the full car.",
             table(heads, map(_check_row, finding.checks)),
             caption(
-                "±: half of the 95 % interval of the prediction. No parameter was fitted to these results."
+                "The column ± is half of the 95 % interval of the extended prediction. No parameter was fitted to "
+                "these results."
             ),
         )
     if rows := [*_strengths(finding)]:
@@ -355,12 +392,10 @@ def _statistics(finding: Finding) -> Iterator[Markup]:
         )
         yield section(
             "Strength of the evidence",
-            f"{_SCORE} Its threshold is {shown(finding.threshold)}. λ is the size of the footprint in the same unit. "
-            "The cosine is the similarity of two footprints; 1 means that they are equal.",
+            f"The threshold of the scores is {shown(finding.threshold)}.",
             table(heads, rows),
             caption(
-                "BIC compares models by their misfit and number of parameters; lower is better. The data do not "
-                "exclude an alternative whose BIC is worse by less than 10. If the remaining error "
+                "The data do not exclude an alternative whose BIC is worse by less than 10. If the remaining error "
                 "exceeds the noise, they also do not exclude an alternative that predicts the test runs equally well."
             ),
         )
@@ -370,7 +405,15 @@ def _statistics(finding: Finding) -> Iterator[Markup]:
 
 def _imitation_row(one: Imitation) -> tuple[object, ...]:
     values = (shown(n, 4) for n in (one.before, one.after, one.expected))
-    return _named(one), one.run, *values, shown(one.sd, 2), unit(one.unit), one.sigmas, one.sigmas_after
+    return (
+        in_words(one.name),
+        one.run,
+        *values,
+        shown(Z95 * one.sd, 2),
+        unit(one.unit),
+        one.sigmas,
+        one.sigmas_after,
+    )
 
 
 def _check_row(one: CheckPrediction) -> tuple[str, ...]:
@@ -381,6 +424,7 @@ def _check_row(one: CheckPrediction) -> tuple[str, ...]:
 
 def _strengths(finding: Finding) -> Iterator[tuple[object, ...]]:
     """Yield effect, status, score, λ, BIC, log predictive density and cosine of each cause, rival and suspect."""
+    titles = _titles(finding)
     for cause in finding.causes:
         gains = (gained(cause.bic_gain), gained(cause.lpd_gain))
         yield cause.title, cause.status, cause.score, cause.strength, *gains, ""
@@ -388,24 +432,27 @@ def _strengths(finding: Finding) -> Iterator[tuple[object, ...]]:
         gap = gained(None if rival.bic_gap is None else -rival.bic_gap)
         yield (
             rival.title,
-            f"instead of {rival.instead_of}",
+            f"instead of: {titles[rival.instead_of]}",
             "",
             "",
-            f"{gap} than that cause",
+            f"{gap} than with that cause",
             "",
             rival.cosine,
         )
     for suspect in finding.suspects:
         yield suspect.title, "not accepted", "", suspect.strength, "", "", ""
     for one in finding.unknowns:
-        near = ", ".join(f"{other.effect} ({shown(other.cosine)})" for other in one.nearest)
+        near = "; ".join(f"{titles[other.effect]} (cosine {shown(other.cosine)})" for other in one.nearest)
         test = f"χ² = {shown(one.statistic)} with {one.freedom} degrees of freedom, p {chance(one.p)}"
-        yield one.title, f"unknown cause: {test}; similar to {near}", "", "", "", gained(one.lpd_gain), ""
+        text = f"fitted surface, no cause. Test: {test}. Similar effects: {near}"
+        yield one.title, text, "", "", "", gained(one.lpd_gain), ""
 
 
 def _next_steps(finding: Finding) -> Markup:
     """Return the runs and reference measurements that would distinguish the causes."""
     most = max((run.per_minute or 0.0 for run in finding.next_runs), default=0.0)
+    titles = _titles(finding)
+    keys = re.compile("|".join(sorted(map(re.escape, titles), key=len, reverse=True)))
     rows = [
         (
             run.experiment,
@@ -413,21 +460,22 @@ def _next_steps(finding: Finding) -> Markup:
             _gap(run.bic_gap),
             _gap(run.per_minute),
             _share(run.per_minute, most),
-            run.pair,
+            keys.sub(lambda key: titles[key[0]], run.pair),
         )
         for run in finding.next_runs[:RUNS]
     ]
     note = (
-        "The BIC gap shows how much worse the wrong model would predict this run, after a new fit of its parameters "
-        "within their tolerances. A gap of 10 is enough to distinguish the models."
+        "The BIC gap shows how much worse the wrong model would predict this run. The parameters of both models are "
+        "fitted again, within their tolerances. A gap of 10 is enough to distinguish the models."
     )
-    heads = "run | minutes :n | expected BIC gap :n value | gap per minute :n | :bars | hardest pair to separate :u"
-    sensors = bullets((prose(one.sentence) for one in finding.next_sensors), "told")
+    heads = "run | minutes :n | expected BIC gap :n value | gap per minute :n | :bars | causes that this "
+    heads += "run distinguishes least :u"
+    sensors = bullets((prose(one.sentence) for one in finding.next_sensors), "sentences")
     return section(
         "How to distinguish the causes",
         table(heads, rows),
         caption(note if rows else ""),
-        subheading("Or a reference measurement") + sensors if sensors else "",
+        subheading("Reference measurements that also help") + sensors if sensors else "",
     )
 
 
@@ -445,11 +493,11 @@ def _tests(finding: Finding) -> Iterator[Markup]:
     ]
     yield section(
         "Tested effects",
-        f"{'' if any(_strengths(finding)) else _SCORE} By chance alone, the highest of all scores exceeds the "
-        f"threshold in {percent(finding.alpha)} of diagnoses.".strip(),
+        "Each candidate has a score. By chance alone, the highest of all scores exceeds the threshold in "
+        f"{percent(finding.alpha)} of diagnoses.",
         drawing(drawings.score_points("scores", finding.scores, finding.threshold)),
-        subheading("Above the threshold, but not named") if rejected else "",
-        table("effect | family :u | score :n | at :u words | reason", rejected),
+        subheading("Candidates above the threshold that are no causes") if rejected else "",
+        table("effect | family :u | score :n | with :u words | reason", rejected),
     )
     if not finding.panel:
         return
@@ -460,20 +508,22 @@ def _tests(finding: Finding) -> Iterator[Markup]:
     by_chance = (
         f" On average, at most {percent(0.01)} of the significant tests are false alarms." if clear else ""
     )
-    told = [
+    rows = [
         (prose(row.sentence), row.run, chance(row.q), row.points_to) for row in _one_of_each_test_first(clear)
     ]
     drawn = [(f"{row.title}: {row.channel}", row.figure) for row in clear if row.figure][:FIGURES]
     yield section(
         "Tests of the error of the base model",
-        f"{len(clear)} of {len(tested)} tests of the error are significant.{by_chance} No test assumes a cause.",
+        "These tests show where and when the measured values differ from the base model. No test assumes a cause. "
+        f"{len(clear)} of {len(tested)} tests are significant.{by_chance}",
         drawing(drawings.panel_map("panel", finding.panel)),
         caption(
-            "Each number is the statistic of a significant test (k: thousands, M: millions). A field is darker for a "
-            "larger number; a field without a number may be due to chance. Each test has its own scale, so compare "
-            "only within a row. A dot means that the test does not apply to the channel or the runs."
+            "Each row is a test, each column a measured signal. The number is the statistic of a significant test (k: "
+            "thousands, M: millions). A larger number makes the field darker. A field without a number can be due to "
+            "chance. Each test has its own scale, so compare numbers only within a row. A dot means that the test does "
+            "not apply."
         ),
-        table("what | run :u words | p, of all tests :n | points to :u words", told),
+        table("result | run :u words | probability by chance :n | possible causes :u words", rows),
         pairs(drawings.panel_figure(f"panel{place}", *one) for place, one in enumerate(drawn)),
     )
 
@@ -483,37 +533,38 @@ def _limits(finding: Finding) -> Iterator[Markup]:
     if finding.verdict is not Verdict.NO_EFFECT:
         yield _detectable(finding.not_seen)
     if finding.confusability:
-        alike = bullets(
+        titles = _titles(finding)
+        alike = table(
+            "effect | similar effect | cosine :n | expected BIC gap :n",
             (
-                f"{one.first} and {one.second}: cosine {shown(one.cosine)}, expected BIC gap {_gap(one.bic_gap)}"
+                (titles[one.first], titles[one.second], one.cosine, _gap(one.bic_gap))
                 for one in finding.confusability.pairs
                 if not one.separable
             ),
-            "told",
         )
         yield section(
             "What these runs can distinguish",
             "No method can distinguish two effects with the same footprint. A darker field means more similar "
-            "footprints; numbers are shown above 0.9.",
-            drawing(drawings.cosine_map("cosines", finding.confusability)),
-            subheading("Not separable at their usual sizes") + alike if alike else "",
+            "footprints. The numbers are cosines above 0.9.",
+            drawing(drawings.cosine_map("cosines", finding.confusability, titles)),
+            subheading("These runs cannot distinguish effects of usual size") + alike if alike else "",
         )
     if shifts := _largest_shifts(finding.shifts):
         yield section(
             "The parameters of the base model, before and after",
-            "If the model lacks a cause, its parameters take wrong values that compensate for the cause. Their "
-            "intervals are then too narrow. For a parameter outside the grey band, the 95 % interval of the base model "
-            "was wrong.",
+            "If the model lacks a cause, wrong values of its parameters compensate for the cause. Their intervals are "
+            "then too narrow. The shift is in standard deviations of the fit without the cause. If it is outside the "
+            "grey band, the 95 % interval of the base model was wrong.",
             drawing(
                 drawings.shift_rows("shifts", [(_label(shift), shift.sigmas or 0.0) for shift in shifts])
             ),
             table(
-                "parameter | run :u | before :n | ± :n | after :n value | ± :n | :u | shift, σ :n",
+                "parameter | run :u | before :n | ± (95 %) :n | after :n value | ± (95 %) :n | unit :u | shift, σ :n",
                 map(_shift_row, shifts),
             ),
         )
     if finding.remains:
-        yield section("Open points", bullets(map(prose, finding.remains), "told"))
+        yield section("Open points", bullets(map(prose, finding.remains), "sentences"))
     yield section(
         "Data and settings",
         "The same data, settings and versions give the same result.",
@@ -522,22 +573,26 @@ def _limits(finding: Finding) -> Iterator[Markup]:
 
 
 def _shift_row(one: Shift) -> tuple[str, ...]:
-    before, after = pair(one.before, one.sd_before), pair(one.after, one.sd_after)
-    return _named(one), one.run, *before, *after, unit(one.unit), shown(one.sigmas, 2)
+    numbers = ((one.before, one.sd_before), (one.after, one.sd_after))
+    before, after = (pair(value, None if sd is None else Z95 * sd) for value, sd in numbers)
+    return in_words(one.name), one.run, *before, *after, unit(one.unit), shown(one.sigmas, 2)
 
 
 def _gap(value: float | None) -> str:
     return "below 0.01" if value is not None and value < 0.01 else shown(value)
 
 
-def _named(one: Estimate | Imitation | Shift) -> str:
-    return one.name.replace("_", " ")
+def _titles(finding: Finding) -> dict[str, str]:
+    """Return the titles of all tested effects by key."""
+    return {one.effect: one.title for one in finding.causes} | {
+        one.effect: one.title for one in finding.scores
+    }
 
 
 def interval(estimate: Estimate) -> str:
     """Return the 95 % interval of a fitted number as text, or the bound below which the samples do not resolve it."""
     if estimate.below is not None:
-        return f"too small to measure: below {shown(estimate.below, 2)}"
+        return f"below {shown(estimate.below, 2)} (too small to measure)"
     if estimate.low is None or estimate.high is None:
         return "not known"
     half = 0.5 * (estimate.high - estimate.low)
@@ -559,7 +614,7 @@ def _largest_shifts(shifts: Sequence[Shift]) -> list[Shift]:
 
 
 def _label(shift: Shift) -> str:
-    return f"{_named(shift)} [{shift.run}]" if shift.run else _named(shift)
+    return f"{in_words(shift.name)} [{shift.run}]" if shift.run else in_words(shift.name)
 
 
 def _facts(finding: Finding) -> list[tuple[str, str]]:

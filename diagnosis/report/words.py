@@ -70,8 +70,8 @@ def unit(name: str) -> str:
 
 def _raised(text: str) -> str:
     """Return a text with the powers of its units in superscript: mm², g/(min·bar²)."""
-    powers = re.sub(r"\b(m|mm|bar)([23])\b", lambda m: m[1] + m[2].translate(SUPERSCRIPT), text)
-    return re.sub(r"\b(min|kN)\*", r"\1·", powers)
+    powers = re.sub(r"\b(m|cm|mm|bar)([23])\b", lambda m: m[1] + m[2].translate(SUPERSCRIPT), text)
+    return re.sub(r"(?<=[a-zA-Z])\*(?=[a-z])", "·", powers)
 
 
 def typeset(text: str) -> str:

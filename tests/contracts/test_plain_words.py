@@ -33,10 +33,10 @@ def test_a_finding_says_it_as_a_sentence(plain: str, told: str) -> None:
     )  # fmt: skip
     left = Remainder(role="fit", before=4.0, after=1.0, left=0.0)
     said = _sentence(Verdict.NAMED, one, left)
-    assert said.startswith(f"{told} (0.200 ± 0.020 mm2). ")
+    assert said.startswith(told) and "0.200 ± 0.020 mm2" in said
     rival = msgspec.structs.replace(_rival(size), title="heat", instead_of="leak.left")
     asked = _sentence(Verdict.AMBIGUOUS, one, left, rival)
-    assert "dry friction, " in asked and "heat (0.200 ± 0.020 mm2)." in asked
+    assert "dry friction" in asked and asked.count("0.200 ± 0.020 mm2") == 2
 
 
 @pytest.mark.parametrize(
@@ -57,8 +57,8 @@ def test_a_pure_number_has_no_unit(size: dict[str, float | None], told: str) -> 
         )  # fmt: skip
         left = Remainder("fit", 1.0, 0.0, 0.0)
         text = _sentence(Verdict.AMBIGUOUS, cause, left, _rival(one))
-        assert f"rubber ({told.replace(',', after + ',') if ',' in told else told + after})." in text
-        assert _estimate(one).endswith(f" {unit}") or unit == "1" or f" {unit} (95 %" in _estimate(one)
+        assert text.count(told.replace(",", after + ",") if "," in told else told + after) == 2
+        assert unit == "1" or f"{unit} (" in f"{_estimate(one)} ("
         assert unit != "1" or " 1 " not in f"{_estimate(one)} "
 
 

@@ -186,7 +186,7 @@ def test_value_and_error_of_a_fitted_number_end_with_the_same_digit(found):
     estimate = found.causes[0].parameters[0]
     value, error = pair(estimate.value, estimate.sd)
     assert len(value.partition(".")[2]) == len(error.partition(".")[2]) > 0
-    told = re.search(r"\(([\d.]+) ± ([\d.]+) ", found.sentence)
+    told = re.search(r"([\d.]+) ± ([\d.]+) ", found.sentence)
     assert told and len(told[1].partition(".")[2]) == len(told[2].partition(".")[2])
     assert pair(None, 1.0) == ("–", "–")
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from diagnosis.contracts import Array, DiagnosisError, Hypothesis, Nuisance, Parameter, Surface
+from diagnosis.estimates import in_words
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +31,12 @@ class Coordinate:
         """The display name: ``effect.parameter`` or ``parameter [record]``."""
         name = f"{self.owner}.{self.parameter.name}" if self.owner else self.parameter.name
         return f"{name} [{self.record}]" if self.record else name
+
+    def in_words(self, catalogue: Mapping[str, Hypothesis]) -> str:
+        """Return its name for people, with the title of its effect from the catalogue."""
+        effect = catalogue.get(self.owner)
+        name = in_words(self.parameter.name, f'"{effect.title}"' if effect else self.owner)
+        return f"{name} in {self.record}" if self.record else name
 
     @property
     def scale(self) -> float:

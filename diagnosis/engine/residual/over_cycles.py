@@ -36,8 +36,8 @@ def loss(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     return Evidence(
         statistic=abs(t),
         p=bonferroni(p, len(tests)),
-        sentence=f"{channel.name}: the loss per cycle, measured minus predicted, is {mean / channel.scale:+.3g} "
-        f"{unit} at {swing.frequency:.3g} Hz{law}",
+        sentence=f"at {swing.frequency:.3g} Hz, the loss per cycle of {channel.name} is "
+        f"{abs(mean) / channel.scale:.3g} {unit} {'larger' if mean > 0.0 else 'smaller'} than predicted{law}",
         points_to=points_to,
         draw=lambda: Figure(
             kind="points",
@@ -96,9 +96,9 @@ def _law(sure: list[tuple[Swing, float]]) -> tuple[str, str]:
     powers = np.full(2, np.nan)
     powers[spread] = np.linalg.lstsq(columns, logs[:, 2], rcond=None)[0][1:]
     a, b = powers
-    said = [f"amplitude^{a:.2g}"] if spread[0] else []
-    said += [f"frequency^{b:.2g}"] if spread[1] else []
-    text = "; it grows with " + " · ".join(said)
+    factors = [f"amplitude^{a:.2g}"] if spread[0] else []
+    factors += [f"frequency^{b:.2g}"] if spread[1] else []
+    text = ". It grows with " + " · ".join(factors)
     flat, quadratic = not spread[1] or abs(b) < 0.25, not spread[0] or a > 1.6
     if spread[0] and a < 1.4 and flat:
         return text, "Coulomb or Berg friction"
@@ -138,8 +138,8 @@ def quasi_static(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     return Evidence(
         statistic=max(abs(t) for _, t in tests),
         p=bonferroni(min(p for p, _ in tests), 2),
-        sentence=f"half the width of the loop of {channel.name} differs by {shown[0]:.3g} {unit} at "
-        f"{first.frequency:.3g} Hz and by {shown[1]:.3g} {unit} at {second.frequency:.3g} Hz, so it "
+        sentence=f"half the width of the loop of {channel.name} differs from the prediction by {shown[0]:.3g} {unit} "
+        f"at {first.frequency:.3g} Hz and by {shown[1]:.3g} {unit} at {second.frequency:.3g} Hz, so it "
         + ("does not depend on the speed" if same else "depends on the speed"),
         points_to="Berg or Coulomb friction" if same else "Maxwell, viscous loss",
         draw=lambda: Figure(
@@ -185,9 +185,9 @@ def settles(residuals: Residuals, c: int) -> Evidence | NotApplicable:
         p=bonferroni(p, looks),
         sentence=f"in a hold of {e.size * residuals.step:.3g} s the error of {channel.name} "
         + (
-            f"settles by {-size:+.3g} {unit} within about {tau:g} s"
+            f"changes by {-size:+.3g} {unit} and settles within about {tau:g} s"
             if tau
-            else f"drifts by {60.0 * size:+.3g} {unit} a minute and does not stop"
+            else f"drifts by {60.0 * size:+.3g} {unit} per minute and does not stop"
         ),
         points_to="heat exchange, Maxwell branch, creep" if tau else "leak, drift of a sensor",
         draw=lambda: _settling(channel, unit, time, e),

@@ -53,8 +53,8 @@ def follows(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicab
         share = float(np.sqrt(value / (y @ y)))
         how = {
             "linear": "follows",
-            "even": "is an even function of",
-            "odd": "has an odd, nonlinear dependence on",
+            "even": "is similar for low and high values of",
+            "odd": "changes, but not in proportion, with",
         }[parity]
         return Evidence(
             statistic=value,
@@ -110,8 +110,8 @@ def rings(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicable
         return Evidence(
             statistic=value,
             p=bonferroni(p_of_chi2(value, freedom), len(sines)),
-            sentence=f"while {sine.signal} is a sine of {sine.frequency:.3g} Hz, the error of {channel.name} has "
-            f"{sizes[largest] / channel.scale:.3g} {unit} at {orders[largest]} times this frequency",
+            sentence=f"the error of {channel.name} has a part of {sizes[largest] / channel.scale:.3g} {unit} at "
+            f"{orders[largest]} times the frequency of {sine.signal} ({sine.frequency:.3g} Hz)",
             points_to=POINTS_TO[parity],
             draw=lambda: _spectrum(residuals, c, sine),
         )

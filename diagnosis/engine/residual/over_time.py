@@ -36,8 +36,8 @@ def size(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     return Evidence(
         statistic=float(ratios[worst]),
         p=bonferroni(p_of_chi2(2.0 * ratios[worst] * counts[worst], 2 * int(counts[worst])), len(bands)),
-        sentence=f"the error of {name} is {np.sqrt(total):.3g} times the noise, and {np.sqrt(ratios[worst]):.3g} "
-        f"times the noise from {low:g} to {high:g} Hz",
+        sentence=f"the error of {name} is {np.sqrt(total):.3g} times the noise (from {low:g} to {high:g} Hz: "
+        f"{np.sqrt(ratios[worst]):.3g} times)",
         points_to="any cause",
         draw=lambda: Figure(
             kind="bars",
@@ -66,7 +66,8 @@ def memory(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     return Evidence(
         statistic=q,
         p=p_of_chi2(q, LJUNG_BOX_LAGS),
-        sentence=f"the error of {name} is autocorrelated ({rho[lag - 1]:.2f} at a lag of {lag * residuals.step:.3g} s)",
+        sentence=f"the error of {name} is similar {lag * residuals.step:.3g} s later (autocorrelation "
+        f"{rho[lag - 1]:.2f})",
         points_to="lag, delay, fast dynamics",
         draw=lambda: Figure(
             kind="bars",
@@ -112,7 +113,7 @@ def drift(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     return Evidence(
         statistic=value,
         p=bonferroni(p, len(DRIFT_BLOCKS)),
-        sentence=f"the error of {channel.name}, averaged over {seconds:.3g} s, is {np.nanmin(means):.3g} to "
+        sentence=f"the mean error of {channel.name} over {seconds:.3g} s varies from {np.nanmin(means):.3g} to "
         f"{np.nanmax(means):.3g} {unit}",
         points_to="leak, heat, drift, volume",
         draw=lambda: Figure(

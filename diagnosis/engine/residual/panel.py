@@ -32,19 +32,19 @@ from diagnosis.finding import PanelRow
 
 Test = Callable[[Residuals, int], Evidence | NotApplicable]
 TESTS: Final[tuple[tuple[str, str, Test], ...]] = (
-    ("size", "size against the noise", over_time.size),
-    ("memory", "memory (Ljung-Box)", over_time.memory),
-    ("drift", "drift (block means)", over_time.drift),
+    ("size", "size, compared with the noise", over_time.size),
+    ("memory", "similarity in time (autocorrelation)", over_time.memory),
+    ("drift", "drift (means over time)", over_time.drift),
     ("linear", "follows an input", over_inputs.follows("linear")),
-    ("even", "even in an input", over_inputs.follows("even")),
-    ("odd", "odd and nonlinear in an input", over_inputs.follows("odd")),
+    ("even", "similar for low and high input", over_inputs.follows("even")),
+    ("odd", "not in proportion to an input", over_inputs.follows("odd")),
     ("even harmonics", "even harmonics", over_inputs.rings("even")),
     ("odd harmonics", "odd harmonics", over_inputs.rings("odd")),
     ("loss", "loss per cycle", over_cycles.loss),
-    ("quasi-static", "quasi-static loop at two speeds", over_cycles.quasi_static),
-    ("hold", "hold and relaxation", over_cycles.settles),
-    ("x-v surface", "surface over motion and speed", over_inputs.velocity_surface),
-    ("x-p surface", "surface over motion and pressure", over_inputs.pressure_surface),
+    ("quasi-static", "loop width at two low speeds", over_cycles.quasi_static),
+    ("hold", "change while the inputs are constant", over_cycles.settles),
+    ("x-v surface", "depends on motion and speed", over_inputs.velocity_surface),
+    ("x-p surface", "depends on motion and pressure", over_inputs.pressure_surface),
 )
 
 

@@ -51,7 +51,7 @@ def _against_chance(
     return Evidence(
         statistic=ratio,
         p=float(fdtrc(seen.size, floor.size, ratio)),
-        sentence=f"{name}: measured minus predicted is {np.sqrt(ratio):.3g} times the noise",
+        sentence=f'the error of the combined signal "{name}" is {np.sqrt(ratio):.3g} times its noise',
         points_to=name,
         draw=lambda: Figure(
             kind="points",
