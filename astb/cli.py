@@ -78,11 +78,11 @@ def main() -> NoReturn:
         # Python would end with 1, which means that the product failed.
         import traceback
 
-        from bench_records.disk import of_the_disk, why
+        from bench_records.disk import disk_reason, of_the_disk
 
         if of_the_disk(error):
             click.echo(
-                f"astb: {getattr(error, 'filename', None) or 'a file'} cannot be written: {why(error)}",
+                f"astb: {getattr(error, 'filename', None) or 'a file'} cannot be written: {disk_reason(error)}",
                 err=True,
             )
         else:

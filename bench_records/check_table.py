@@ -20,7 +20,7 @@ COLORS = {
 }
 #: Names of checks of one kind that are reported in full.
 NAMED = 2
-#: Shares of a variance.
+#: Smallest shares of a variance that are reported.
 ALMOST_ALL, MOSTLY = 0.9, 0.5
 SIGNS = {
     CheckVerdict.PASS: "\u2713",
@@ -78,9 +78,9 @@ def check_rows(checks: list[Check]) -> list[CheckRow]:
         known = one.u is not None and math.isfinite(one.number)
         uncertainty = f"± {_grouped(one.written[1])}" if known else ""
         bar = None if one.low is None and one.high is None else range_bar(one)
-        told = _detail(one)
+        detail = _detail(one)
         names = (primed(one.name), SIGNS[one.verdict])
-        rows.append(CheckRow(one, *names, value, uncertainty, low, high, unit(one.unit), told, bar))
+        rows.append(CheckRow(one, *names, value, uncertainty, low, high, unit(one.unit), detail, bar))
     return rows
 
 
@@ -101,7 +101,7 @@ def _some(names: list[str]) -> str:
 def _numbers_with_limits(one: Check) -> list[str]:
     """Return value, low and high in the check's unit, all with the number of digits that distinguishes them.
 
-    The resolution is a hundredth of the band: more would be noise, fewer would hide a verdict.
+    The resolution is a hundredth of the band. More digits would show noise, fewer could hide the verdict.
     """
     numbers = [math.nan if n is None else n / one.scale for n in (one.number, one.low, one.high)]
     known = [n for n in numbers if math.isfinite(n)]
@@ -167,7 +167,7 @@ def _causes(parts: Mapping[str, float], u: float) -> str:
 
 
 def range_bar(one: Check) -> Bar:
-    """Return the bar of a check; the band fills the middle, and a side without a limit continues to the edge."""
+    """Return the bar of a check. The band fills the middle; without a limit it continues to the edge."""
     margin = one.guard
     if one.low is not None and one.high is not None:
         width = one.high - one.low or abs(one.high) or 1.0

@@ -34,11 +34,11 @@ def broken_files(directory: Path) -> list[str]:
         lines = (directory / SUMS).read_text(encoding="utf-8").splitlines()
     except OSError:
         return [f"{SUMS} is missing"]
-    wanted = {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
+    expected = {name: digest for digest, _, name in (line.partition("  ") for line in lines)}
     broken = [
-        f"{name} has no checksum" for name in KEPT if name not in wanted and (directory / name).exists()
+        f"{name} has no checksum" for name in KEPT if name not in expected and (directory / name).exists()
     ]
-    for name, digest in wanted.items():
+    for name, digest in expected.items():
         if not (directory / name).is_file():
             broken.append(f"{name} is missing")
         elif sha256_of(directory / name) != digest:

@@ -72,15 +72,15 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True):
 
 def compare_runs(a: Path, b: Path) -> Comparison:
     """Compare the runs in the directories ``a`` and ``b``. Raises RecordError if one is not a run."""
-    (one, told, first), (other, also_told, second) = open_run(a), open_run(b)
+    (one, facts, first), (other, other_facts, second) = open_run(a), open_run(b)
     curves, lonely = _curve_pairs(one.curves, other.curves)
     return Comparison(
         a=str(a),
         b=str(b),
         names=_names(a, b),
-        facts=_facts(_all_facts(one, told), _all_facts(other, also_told)),
+        facts=_facts(_all_facts(one, facts), _all_facts(other, other_facts)),
         verdicts=(first, second),
-        circumstances=(" · ".join(circumstances(told)), " · ".join(circumstances(also_told))),
+        circumstances=(" · ".join(circumstances(facts)), " · ".join(circumstances(other_facts))),
         checks=_check_pairs(one.checks, other.checks),
         curves=curves,
         lonely_curves=lonely,

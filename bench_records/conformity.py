@@ -1,8 +1,8 @@
 """Conformity with limits under uncertainty: coverage factor, probability, and decimals of values.
 
-The error of a value is the sum of two parts, together with the standard uncertainty ``u`` (model of EA-4/02, S9). One
-part has a rectangular distribution with the standard deviation ``even``, the largest of its rectangular contributions.
-The other part is normal. If ``even`` is 0, the error is normal.
+The error of a value is the sum of two parts (model of EA-4/02, S9). Its standard uncertainty is ``u``. One part has a
+rectangular distribution with the standard deviation ``even``, the largest of its rectangular contributions. The other
+part is normal. If ``even`` is 0, the error is normal.
 """
 
 from __future__ import annotations
@@ -65,9 +65,8 @@ def _inverse(probability: float, share: float) -> float:
 
 
 def decimals(value: float, expanded: float, limits: Sequence[float]) -> int:
-    """Return the number of decimals of a value with its expanded uncertainty: one digit of that, two if below 35.
-
-    It is larger if rounding would move the value onto a limit or across it.
+    """Return the number of decimals of a value with its expanded uncertainty: one digit of the uncertainty, or two if
+    they are below 35.  The number is larger if rounding would move the value onto a limit or across it.
     """
     shown = 0
     if expanded > 0.0:

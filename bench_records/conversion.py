@@ -1,4 +1,4 @@
-"""Conversion of a record's stream to a Parquet file, also of the stream that a killed process left."""
+"""Conversion of a record's stream to a Parquet file, also after the recording process was killed."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def _write_parquet(
         ) as writer,
     ):
         for first in range(0, table.num_rows, ROW_GROUP):
-            # One chunk per row group, so that the pages do not follow the accidents of batching.
+            # One chunk per row group, so that the bytes of the file do not depend on the limits of the batches.
             part = table.slice(first, ROW_GROUP).combine_chunks()
             column = pa.DictionaryArray.from_arrays(flat(part.column("signal")), names)
             writer.write_table(

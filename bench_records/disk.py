@@ -12,7 +12,7 @@ from bench_protocol.os_errors import error_text
 from bench_protocol.runtime.room import reserve
 from bench_records.layout import RecordError
 
-#: Errors of the machine: another file name would not help.
+#: Errors of the machine, which another file name does not avoid.
 REFUSALS: Final = {
     errno.ENOSPC: "the disk is full",
     errno.EDQUOT: "the disk quota is used up",
@@ -25,7 +25,7 @@ REFUSALS: Final = {
     errno.ENOENT: "its folder was removed",
     errno.ENOTDIR: "its folder was removed",
 }
-#: Result, check lists and checksums of the longest plans take a quarter of it; a report often fits as well.
+#: Reserved space: four times the result, check lists and checksums of the longest plans; often enough for a report.
 ROOM: Final = 2 << 20
 ROOM_FILE: Final = "room.part"
 #: Errors of a file name, found before the first write.
@@ -37,7 +37,7 @@ class NotKept(RecordError):
     """The disk refused a file of a run; the text names the file and the reason."""
 
 
-def why(error: BaseException) -> str:
+def disk_reason(error: BaseException) -> str:
     """Return the reason of a disk error as text."""
     number = getattr(error, "errno", None)
     if number in REFUSALS:
@@ -58,19 +58,19 @@ def kept(path: Path, what: str = "") -> Iterator[None]:
     try:
         yield
     except (OSError, pa.ArrowException) as error:
-        raise NotKept(f"{what or path} cannot be saved: {why(error)}") from error
+        raise NotKept(f"{what or path} cannot be saved: {disk_reason(error)}") from error
 
 
 @contextmanager
 def begun(path: Path, what: str = "") -> Iterator[None]:
-    """Convert errors in the block as `kept` does, but to RecordError if the folder is invalid or belongs to another
+    """Convert errors in the block as `kept` does, or to RecordError if the folder is invalid or belongs to another
     user.
     """
     try:
         yield
     except OSError as error:
         kind = NotKept if of_the_disk(error) else RecordError
-        reason = why(error) if kind is NotKept else error.strerror
+        reason = disk_reason(error) if kind is NotKept else error.strerror
         raise kind(f"{what or path} cannot be written: {reason}") from error
 
 
@@ -85,7 +85,7 @@ def keep_room(directory: Path) -> None:
             return
         give_room(directory)
         raise NotKept(
-            f"{directory} has no space for the result of a run, {ROOM >> 20} MiB: {why(error)}; "
+            f"{directory} has no space for the result of a run, {ROOM >> 20} MiB: {disk_reason(error)}; "
             "free disk space, or use another folder"
         ) from error
 

@@ -56,14 +56,14 @@ class Banner(NamedTuple):
     """The result of a page: a word, its reason, and a smaller line; ``tone`` is its class."""
 
     word: str
-    why: str
+    reason: str
     tally: str = ""
     tone: str = ""
 
     def __html__(self) -> Markup:
         text = '<div class="banner {}"><div class="word">{}</div><div class="why">{}{}</div></div>\n'
         tally = element("span", self.tally, "tally") if self.tally else ""
-        return Markup(text).format(self.tone or self.word, self.word, self.why, tally)
+        return Markup(text).format(self.tone or self.word, self.word, self.reason, tally)
 
 
 class Document(NamedTuple):
@@ -105,20 +105,20 @@ def element(name: str, content: Any, kind: str = "", **attributes: str) -> Marku
     """Return an element with its content, and with class and attributes that are not empty."""
     known = ({"class": kind} | attributes).items()
     # Markup.format takes ten times as long, and a report has a thousand elements.
-    told = "".join(f' {key}="{escape(value)}"' for key, value in known if value)
-    return Markup(f"<{name}{told}>{escape(content)}</{name}>")
+    attribute_text = "".join(f' {key}="{escape(value)}"' for key, value in known if value)
+    return Markup(f"<{name}{attribute_text}>{escape(content)}</{name}>")
 
 
 def key_facts(facts: Iterable[tuple[str, Any]]) -> Markup:
     """Return names with their values next to each other; empty without any."""
-    told = joined(Markup("<div><dt>{}</dt><dd>{}</dd></div>").format(*fact) for fact in facts)
-    return element("dl", told, "key") + "\n" if told else told
+    rows = joined(Markup("<div><dt>{}</dt><dd>{}</dd></div>").format(*fact) for fact in facts)
+    return element("dl", rows, "key") + "\n" if rows else rows
 
 
 def section(heading: str, *parts: Any, anchor: str = "", kind: str = "") -> Markup:
     """Return a section of a page; a part that is text becomes a paragraph."""
-    told = (one if isinstance(one, Markup) else paragraph(one) for one in parts)
-    return element("section", joined(["\n", element("h2", heading), "\n", *told]), kind, id=anchor) + "\n"
+    content = (one if isinstance(one, Markup) else paragraph(one) for one in parts)
+    return element("section", joined(["\n", element("h2", heading), "\n", *content]), kind, id=anchor) + "\n"
 
 
 def subheading(text: str) -> Markup:
@@ -138,8 +138,8 @@ def caption(text: str) -> Markup:
 
 def bullets(texts: Iterable[Any], kind: str = "") -> Markup:
     """Return a list; empty without texts."""
-    told = joined(element("li", one) for one in texts)
-    return element("ul", told, kind) + "\n" if told else told
+    entries = joined(element("li", one) for one in texts)
+    return element("ul", entries, kind) + "\n" if entries else entries
 
 
 def drawing(svg: str) -> Markup:
@@ -154,8 +154,8 @@ def figure(svg: str) -> Markup:
 
 def pairs(drawings: Iterable[str]) -> Markup:
     """Return drawings (SVG) of half the width of the page; empty without any."""
-    told = joined(map(figure, drawings))
-    return element("div", told, "pair") + "\n" if told else told
+    figures = joined(map(figure, drawings))
+    return element("div", figures, "pair") + "\n" if figures else figures
 
 
 def table(
@@ -173,10 +173,10 @@ def table(
     top = element("tr", joined(element("th", one.text, one.kind) for one in heads))
     if not isinstance(rows, Markup):
         lines = [one if isinstance(one, TableRow) else TableRow(one) for one in rows]
-        told = joined(
+        body = joined(
             element("tr", joined(map(_cell, line.cells, heads)), line.tone) + "\n" for line in lines
         )
-        rows = element("tbody", told) if told else told
+        rows = element("tbody", body) if body else body
     return element("table", element("thead", top) + "\n" + rows, kind, tabindex="0") + "\n" if rows else rows
 
 
@@ -186,12 +186,12 @@ def facts_table(facts: Iterable[tuple[Any, Any]]) -> Markup:
     return element("table", element("tbody", body), "facts") + "\n" if body else body
 
 
-def _cell(told: Any, head: Cell) -> Markup:
-    if isinstance(told, Cell):
-        return element("td", told.text, told.kind, title=told.hint)
-    if told is None or isinstance(told, float):
-        told = significant(math.nan if told is None else told, 3)
-    return element("td", told, head.kind)
+def _cell(content: Any, head: Cell) -> Markup:
+    if isinstance(content, Cell):
+        return element("td", content.text, content.kind, title=content.hint)
+    if content is None or isinstance(content, float):
+        content = significant(math.nan if content is None else content, 3)
+    return element("td", content, head.kind)
 
 
 @cache

@@ -9,7 +9,7 @@ from bench_records.record import Record
 from bench_records.run_drawings import TRIP, lines_by_quantity
 from bench_records.typography import THIN_SPACE, fixed, plain
 
-# The page shows only the first events; the record has all.
+# Largest number of events on the page; the record has all of them.
 EVENT_ROWS = 150
 AROUND_TRIP_S = 10.0
 

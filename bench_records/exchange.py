@@ -84,15 +84,15 @@ def write_mdf(record: Record, path: Path, names: Sequence[str] = ()) -> int:
             times, values = record.series(name)
             if not times.size:
                 continue
-            told = record.signals[name]
-            mapping: dict[str, object] = {"a": 1.0 / told.scale, "b": 0.0}
-            if told.names:
-                mapping = {f"val_{place}": key for place, key in enumerate(told.names)}
-                mapping |= {f"text_{place}": text for place, text in enumerate(told.names.values())}
+            info = record.signals[name]
+            mapping: dict[str, object] = {"a": 1.0 / info.scale, "b": 0.0}
+            if info.names:
+                mapping = {f"val_{place}": key for place, key in enumerate(info.names)}
+                mapping |= {f"text_{place}": text for place, text in enumerate(info.names.values())}
                 mapping["default"] = ""
             conversion = from_dict(mapping)
             mdf.append(
-                [Signal(values, times, name=name, unit=told.unit, conversion=conversion, comment=told.label)],
+                [Signal(values, times, name=name, unit=info.unit, conversion=conversion, comment=info.label)],
                 comment=name,
             )
             written += times.size

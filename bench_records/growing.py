@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     Samples = tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]
 
-#: Samples are thinned each time that this many more seconds of them can be.
+#: Interval of thinning: the number of seconds with samples that have not been thinned.
 _AT_A_TIME: Final = 60.0
 
 
@@ -89,7 +89,7 @@ class GrowingRecord(Record):
     def thin(self, before: float) -> None:
         """Keep one sample per second of each signal before a time (s): the one nearest to the mean of that second.
 
-        It may be done later. Without it, a run of a day needs more memory than there is.
+        The call may be delayed. Without thinning, a run of a day does not fit into memory.
         """
         if before < self._thinned_until + _AT_A_TIME:
             return

@@ -31,7 +31,7 @@ TIME: Final = "time_s"
 #: Permitted names of a clock that has dates or a unit.
 _CLOCKS: Final = ("time", "timestamp", "datetime", "date", "date/time", "zeit", "zeitstempel", "datum", "t")
 _COLUMN: Final = re.compile(r"(?P<name>\S+?)(?: ?(?:\[(?P<unit>[^\]]*)\]|\((?P<round>[^)]*)\)))?")
-#: From names of the table of signals to how the record describes them.
+#: Descriptions for the record, by the name in the table of signals.
 Known = Callable[[str], SignalInfo | None]
 
 
@@ -98,8 +98,8 @@ def read_table(
     unit.
     """
     _refuse_idle_keys(path, keys, ("group", "raw"), "an MDF file")
-    wanted = [keys.time if keys.time is not None else TIME]
-    sheet = read_sheet(path, keys, wanted, account)
+    names = [keys.time if keys.time is not None else TIME]
+    sheet = read_sheet(path, keys, names, account)
     time = _clock_of(sheet, keys)
     clock = [
         time.column,
@@ -208,7 +208,7 @@ def read_mdf(
     _refuse_idle_keys(path, keys, others, "a table")
     with mdf_file.opened(path) as mdf:
         ours = _own_comment(mdf.header.description)
-        told = {one.name: one for one in ours.signals} if ours else {}
+        exported = {one.name: one for one in ours.signals} if ours else {}
         places = mdf_file.places(path, mdf, account)
         if not places and account.counts:
             raise RecordError(f"{path} holds bus frames without signals; decode them with --dbc FILE")
@@ -217,7 +217,7 @@ def read_mdf(
         found = []
         for place in places:
             mdf_file.find(places, place.name, None, f"{path}: the channel")  # a name in two groups
-            own = told.get(place.name)
+            own = exported.get(place.name)
             unit = str(mdf.groups[place.group].channels[place.index].unit or "")
             signal, si = (own, (1.0, 0.0)) if own else _signal(path, place.name, unit, known)
             texts = {text: number for number, text in signal.names.items()}
@@ -264,27 +264,27 @@ def _signal(path: Path, name: str, unit: str, known: Known) -> tuple[SignalInfo,
         raise RecordError(
             f"{path}: the column {name!r} is not a signal of the bench; `astb rig signals` lists the signals"
         )
-    told = found["unit"] or found["round"] or unit
-    if told.strip() in ("", "-", "1") and signal.unit in ("", "1"):
+    stated = found["unit"] or found["round"] or unit
+    if stated.strip() in ("", "-", "1") and signal.unit in ("", "1"):
         return signal, (signal.scale, 0.0)
     right = (
         f"use {signal.unit}, or another unit of the same quantity"
         if signal.unit
         else f"{signal.name} has no unit"
     )
-    if not told:
+    if not stated:
         raise RecordError(f"{path}: the column {name!r} states no unit; {right}")
     try:
-        read = read_unit(told)
+        read = read_unit(stated)
     except UnknownUnit as error:
         raise RecordError(f"{path}: the column {name!r}: {error}; {right}") from None
     if not signal.unit or not read.measures(read_unit(signal.unit).unit.si):
         raise RecordError(
-            f"{path}: the column {name!r} is in {told}, which {signal.name} cannot have; {right}"
+            f"{path}: the column {name!r} is in {stated}, which {signal.name} cannot have; {right}"
         )
     if read.reading == "absolute":
         raise RecordError(
-            f"{path}: the column {name!r} is in {told}, but {signal.name} is a gauge pressure; convert the column"
+            f"{path}: the column {name!r} is in {stated}, but {signal.name} is a gauge pressure; convert the column"
         )
     return signal, (read.unit.factor, read.unit.zero)
 

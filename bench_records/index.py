@@ -1,4 +1,4 @@
-"""Index of the runs in a folder: a small database in that folder, which can be rebuilt from the runs at any time.
+"""Index of the runs in a folder: a small database in that folder, which can always be rebuilt from the runs.
 
 The run folders are the source. Every query first reads results that are new, changed or removed since the last query.
 """
@@ -321,12 +321,12 @@ def _store(base: sqlite3.Connection, table: str, row: dict[str, Any]) -> None:
 
 
 def _where(chosen: dict[str, str | None], prefix: str = "") -> tuple[str, tuple[str, ...]]:
-    asked = {name: value for name, value in chosen.items() if value is not None}
-    unknown = asked.keys() - set(_RUN)
+    values = {name: value for name, value in chosen.items() if value is not None}
+    unknown = values.keys() - set(_RUN)
     if unknown:
         raise ValueError(f"a run has no {', '.join(unknown)}; the columns of a run are {', '.join(_RUN)}")
-    text = " and ".join(f"{prefix}{name} = ?" for name in asked)
-    return (f"where {text}" if text else ""), tuple(asked.values())
+    text = " and ".join(f"{prefix}{name} = ?" for name in values)
+    return (f"where {text}" if text else ""), tuple(values.values())
 
 
 def _kept(row: Sequence[Any]) -> KeptRun:

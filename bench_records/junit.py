@@ -1,4 +1,4 @@
-"""The result as JUnit XML, which every CI server can display: one test case for each check, one for the run itself."""
+"""The result as JUnit XML for CI servers: one test case for each check, and one for the run."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ _MET = {True: "met", False: "not met", None: "not judged"}
 
 
 def junit(result: Result) -> bytes:
-    """Return the XML: a failure is outside its limits, an error has no value, a skipped check is not available.
+    """Return the XML. A value outside its limits is a failure; a check without a value is an error; a check that is not
+    available is skipped.
 
     The time of a check is the time since the previous check; the test case of the run has the time after the last one.
     Only a run in real time has a time stamp. The names of suite and cases include the parameters and the serial number

@@ -169,8 +169,8 @@ def write_trends(trends: Sequence[Trend], specimen: str, path: Path) -> None:
         links = (
             Markup('<a href="#trend{}">{}</a>').format(place, one.name) for place, one in enumerate(parts)
         )
-        told = [" ".join(part.words) for part in parts]
-        sections.insert(0, section("Summary", facts_table(zip(links, told, strict=True))))
+        texts = [" ".join(part.words) for part in parts]
+        sections.insert(0, section("Summary", facts_table(zip(links, texts, strict=True))))
     checks = [one for trend in trends for one in trend.checks]
     if any(one.expanded is not None for one in checks):
         sections.append(
@@ -230,8 +230,8 @@ def _figures(trend: Trend, last: KeptCheck) -> list[str]:
         return [f"One run: {mean}{in_unit}. A second run shows the scatter, a third the drift."]
     words = [f"{len(trend.checks)} runs; mean {mean}{in_unit}."]
     if trend.scatter is not None:
-        told = scatter if trend.scatter else "0"
-        words.append(f"They scatter by {told}{in_unit} (one standard deviation).")
+        shown = scatter if trend.scatter else "0"
+        words.append(f"They scatter by {shown}{in_unit} (one standard deviation).")
     if trend.drift is None:
         words.append("The runs are too few or too close in time to determine a drift.")
     else:
@@ -304,10 +304,10 @@ def _over_time(trend: Trend, name: str) -> str:
                 axes.axhline(levels[-1], **drawn)
             if not math.isnan(levels[-1]):
                 named = f"{limit} limit {number(levels[-1])}"
-                beside: dict[str, Any] = {"xytext": (4, 0), "textcoords": "offset points", "va": "center"}
+                offset: dict[str, Any] = {"xytext": (4, 0), "textcoords": "offset points", "va": "center"}
                 where = (1.0, levels[-1])
                 axes.annotate(
-                    named, where, xycoords=("axes fraction", "data"), color=ALARM, fontsize=8, **beside
+                    named, where, xycoords=("axes fraction", "data"), color=ALARM, fontsize=8, **offset
                 )
         if trend.drift is not None and trend.drift.is_seen and trend.mean is not None:
             middle = sum(day for day, *_ in points) / len(points)

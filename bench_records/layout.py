@@ -1,7 +1,7 @@
 """The format of a record on disk: its files, columns and metadata.
 
 A record is one directory. During the run, and afterwards if the run was killed, it holds ``record.arrows``. This is an
-Arrow IPC stream, which can be read up to the point where the file is cut off. After the run it holds
+Arrow IPC stream. A truncated stream can be read up to its last complete batch. After the run it holds
 ``record.parquet`` with the columns
 
 * ``time_ns``: int64, nanoseconds on the clock of the run;

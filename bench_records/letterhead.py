@@ -15,7 +15,7 @@ from bench_records.layout import RecordError
 
 #: The variable of the environment that names the file for every report.
 CHOSEN: Final = "ASTB_LETTERHEAD"
-#: A logo travels within every page.
+#: Size limit of a logo, which is part of every page.
 LOGO_MAX: Final = 300_000
 _KINDS: Final = {
     ".png": "image/png",

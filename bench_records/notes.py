@@ -1,7 +1,7 @@
 """Notes that a user adds to a finished run: comments, photos and files with time and author. They are not signed.
 
-Notes are kept in their own folder, each with the checksum of its file. They are only added: the files of the run and
-earlier notes never change.
+Notes are kept in their own folder, each with the checksum of its file. Adding a note changes neither the files of the
+run nor earlier notes.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from bench_records.disk import kept
 from bench_records.layout import RecordError
 
 NOTES: Final = "notes"
-#: Notes are copied with their run, so their size is limited; films are too large.
+#: Size limit of a file, because notes are copied with their run.
 FILE_MAX: Final = 50_000_000
 
 

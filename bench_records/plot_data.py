@@ -63,8 +63,8 @@ class PlotData:
 
     def add(self, plot: Plot) -> int:
         """Add a plot; return its number for the script."""
-        told = plot._asdict()
-        told["traces"] = [
+        fields = plot._asdict()
+        fields["traces"] = [
             {
                 "label": one.label,
                 "color": one.color,
@@ -76,7 +76,7 @@ class PlotData:
             }
             for one in plot.traces
         ]
-        self._plots.append(told)
+        self._plots.append(fields)
         return len(self._plots) - 1
 
     def place(self, numbers: Numbers) -> list[float]:
@@ -106,9 +106,9 @@ class PlotData:
         return base64.b64encode(zlib.compress(b"".join(self._parts), 6)).decode("ascii")
 
 
-def embedded(told: Any) -> str:
+def embedded(content: Any) -> str:
     """Return plain data as JSON, escaped so that it cannot close its HTML element."""
-    return json.dumps(told, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+    return json.dumps(content, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 @cache

@@ -1,7 +1,7 @@
 """Common parts of the drawings of reports: colours, font, axes of a given size, and the SVG element for the page.
 
 Colours are those of Okabe and Ito, which people with any kind of colour vision can distinguish. No information depends
-on colour alone. Texts stay text, so that they have the font of the page and can be searched.
+on colour alone. Texts are not converted to paths, so that they have the font of the page and can be searched.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ PALETTE = ("#0072b2", "#d55e00", "#009e73", "#b07aa1", "#56b4e9", "#8c6d00", "#1
 
 WIDTH_IN = 9.6
 LEFT_IN, RIGHT_IN = 0.72, 1.85
-#: Digits of a path behind the hundredth of a point.
+#: Digits of a path beyond the hundredth of a point.
 FINER_THAN_SEEN = re.compile(r"(?<=\.\d\d)\d+")
 
 
@@ -40,7 +40,7 @@ def style() -> Any:
         {
             "svg.fonttype": "none",
             "svg.hashsalt": "astb",
-            # Shipped with matplotlib: text is measured alike on every machine.
+            # This font comes with matplotlib, so texts have the same width on every machine.
             "font.family": "DejaVu Sans",
             "font.size": 8.5,
             "text.color": INK,
@@ -166,7 +166,7 @@ def element(text: str, name: str, title: str = "") -> str:
     text = re.sub(r' d="[^"]*"', lambda m: FINER_THAN_SEEN.sub("", m.group()).replace("\n", ""), text)
     text = re.sub(r'\bid="', f'id="{name}-', text)
     text = text.replace("url(#", f"url(#{name}-").replace('href="#', f'href="#{name}-')
-    # The page's type rules; only size and weight are the drawing's own.
+    # The page defines the font; the drawing defines only size and weight.
     text = text.replace(" font-family: 'DejaVu Sans';", "")
     role = f'role="img" aria-label="{escape(title, quote=True)}"' if title else 'role="group"'
     text = re.sub(

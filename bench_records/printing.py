@@ -14,7 +14,7 @@ from bench_protocol.runtime import is_root
 from bench_records.disk import kept
 from bench_records.layout import RecordError
 
-#: Programs that print alike, and the variable of the environment that names another one.
+#: Programs with equal print output, and the environment variable for another program.
 BROWSERS: Final = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "microsoft-edge")
 CHOSEN: Final = "ASTB_CHROMIUM"
 #: From this version on page numbers are printed.
@@ -32,10 +32,10 @@ def browser() -> str | None:
 def browser_version(path: str) -> int | None:
     """Return the main version of a browser; None if it does not report one."""
     try:
-        told = subprocess.run([path, "--version"], check=False, capture_output=True, text=True, timeout=30.0)
+        done = subprocess.run([path, "--version"], check=False, capture_output=True, text=True, timeout=30.0)
     except (OSError, subprocess.SubprocessError):
         return None
-    found = re.search(r"\b(\d+)\.\d", told.stdout)
+    found = re.search(r"\b(\d+)\.\d", done.stdout)
     return int(found[1]) if found else None
 
 

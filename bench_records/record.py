@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
-# A frame of more rows than this is a mistyped rate.
+# More rows than this indicate a wrong rate.
 ROW_LIMIT = 20_000_000
 
 
@@ -103,7 +103,7 @@ class Record:
             raise RecordError(
                 f"rate = {rate} Hz over {self.duration:.0f} s makes more than {ROW_LIMIT} rows; choose a lower rate"
             )
-        # The last instant is on the grid even where duration * rate falls a rounding short of whole.
+        # The grid includes the last instant even if rounding makes duration * rate slightly less than an integer.
         grid = np.arange(int(self.duration * rate + 1e-6) + 1) / rate
         columns = {
             name: _resample(*self.series(name), grid, gap, bool(self.signals[name].names)) for name in names

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Final, Self
 from bench_protocol.runtime import OPEN_FILES_MOVE
 from bench_protocol.runtime.file_locks import hold
 from bench_records.conversion import convert
-from bench_records.disk import NotKept, begun, give_room, keep_room, kept, why
+from bench_records.disk import NotKept, begun, disk_reason, give_room, keep_room, kept
 from bench_records.layout import (
     FORMAT,
     PARQUET,
@@ -41,9 +41,9 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     import pyarrow as pa
 
-# Half a second leaves the other half of the promised second to a slow disk.
+# A batch is complete on disk within one second: half a second of samples, and half a second for a slow disk.
 BATCH_INTERVAL_S = 0.5
-# Two hours at the bench's full rate, 0.9 GB of memory at the very worst: a limit, not a target.
+# Two hours at the full rate of the bench, which need at most 0.9 GB of memory.
 SAMPLE_LIMIT = 50_000_000
 EVENT_LIMIT = 100_000
 #: Name of the stream until its head is complete.
@@ -231,7 +231,7 @@ class Recorder:
             raise
         finally:
             self._writing.shutdown()
-            # Locked until the record exists, so that the run does not look cut off.
+            # Locked until the record exists, because an unlocked stream counts as interrupted.
             with suppress(OSError):  # a full disk refuses the last bytes again; the error is already reported
                 self._file.close()
             give_room(self.directory)
@@ -259,7 +259,7 @@ class Recorder:
     def _refuse_if_failed(self) -> None:
         if self._failure is not None:
             raise NotKept(
-                f"{self.directory / STREAM} cannot be written any more: {why(self._failure)}"
+                f"{self.directory / STREAM} cannot be written any more: {disk_reason(self._failure)}"
             ) from self._failure
 
     def _refuse_if_unwritable(self) -> None:
@@ -310,7 +310,7 @@ class Recorder:
                 held.seek(0)
                 copyfileobj(held, copy)
 
-    def _refuse_if_gone(self) -> None:
+    def _refuse_if_moved(self) -> None:
         """Raise FileNotFoundError if the stream was moved or removed, because it would be lost with this process."""
         if not os.path.samestat((self.directory / STREAM).stat(), os.fstat(self._file.fileno())):
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
@@ -333,7 +333,7 @@ class Recorder:
                     _batch(columns), custom_metadata={"events": encode(events)} if events else None
                 )
                 self._file.flush()
-                self._refuse_if_gone()
+                self._refuse_if_moved()
             except (OSError, pa.ArrowException) as error:
                 self._failure = error
         self._refuse_if_failed()

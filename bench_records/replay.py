@@ -44,7 +44,7 @@ def replay_of(record: Record, numbers: PlotData) -> dict[str, Any] | None:
         "settings": [
             (
                 _when(record, event),
-                {name: told for name, told in event.data.items() if name.startswith("air.")},
+                {name: value for name, value in event.data.items() if name.startswith("air.")},
             )
             for event in record.events
             if event.kind == "setting" and any(name.startswith("air.") for name in event.data)
@@ -108,9 +108,9 @@ def _states(record: Record) -> list[tuple[float, str]]:
 
 
 def _events(record: Record) -> list[tuple[float, str]]:
-    told = [(_when(record, event), event.text or event.kind) for event in tabled_events(record)]
-    told += [(round(phase.start, 3), f"phase {phase.name}") for phase in record.phases]
-    return sorted(told)[:_EVENTS]
+    events = [(_when(record, event), event.text or event.kind) for event in tabled_events(record)]
+    events += [(round(phase.start, 3), f"phase {phase.name}") for phase in record.phases]
+    return sorted(events)[:_EVENTS]
 
 
 def _when(record: Record, event: Any) -> float:

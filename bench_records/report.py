@@ -112,21 +112,21 @@ def _render(record: Record, result: Result, directory: Path, letterhead: Letterh
     ).html()
 
 
-def _letterhead(told: Letterhead) -> Markup:
-    logo = Markup('<img src="{}" alt="{}">').format(told.logo, told.laboratory or "logo") if told.logo else ""
-    parts = element("b", told.laboratory) + logo
-    return element("div", parts, "letterhead") + "\n" if told.logo or told.laboratory else Markup()
+def _letterhead(head: Letterhead) -> Markup:
+    logo = Markup('<img src="{}" alt="{}">').format(head.logo, head.laboratory or "logo") if head.logo else ""
+    parts = element("b", head.laboratory) + logo
+    return element("div", parts, "letterhead") + "\n" if head.logo or head.laboratory else Markup()
 
 
 def _banner(result: Result, twin: TwinStory | None) -> Banner:
-    why, tally = escape(headline(result)), ""
+    reason, tally = escape(headline(result)), ""
     deviations = twin.deviations if twin else ()
     if deviations:
         more = f" {len(deviations) - 1} more below." if deviations[1:] else ""
-        why += Markup("<br><b>Deviation from the model:</b> {}{}").format(deviations[0].sentence, more)
+        reason += Markup("<br><b>Deviation from the model:</b> {}{}").format(deviations[0].sentence, more)
     elif twin:
         agreed = f"No deviation from the model in {twin.judged_for:.0f} s."
-        why += Markup("<br>{}").format(
+        reason += Markup("<br>{}").format(
             agreed if twin.judged_for else "The model could not be compared with the rig."
         )
     if result.checks:
@@ -134,7 +134,7 @@ def _banner(result: Result, twin: TwinStory | None) -> Banner:
         counts = [(result.count(verdict), named.get(verdict, verdict.value)) for verdict in CheckVerdict]
         lines = [f"{n} {name}" for n, name in counts if n or name != CheckVerdict.NOT_AVAILABLE.value]
         tally = "\u2002·\u2002".join(lines)
-    return Banner(result.verdict.value, why, tally, result.verdict.value + " deviates" * bool(deviations))
+    return Banner(result.verdict.value, reason, tally, result.verdict.value + " deviates" * bool(deviations))
 
 
 def _scripts(plots: PlotData, replay: dict[str, Any] | None) -> Markup:
@@ -157,7 +157,7 @@ def _first_page(result: Result, files: list[tuple[str, str]], operator: str) -> 
     """Yield what follows the verdict on the first page: the checks not passed or close to a limit, and signatures."""
     for what, some, more in notable(result.checks):
         note = f"{more} more in the table of all checks." if more else ""
-        yield section(what, _check_table(some, told=True), caption(note))
+        yield section(what, _check_table(some, purpose=True), caption(note))
     yield paragraph(least_sure(result.checks), "surely")
     signed = Markup("<dl><dt>{}</dt><dd>{}</dd><dt>date</dt><dd></dd><dt>signature</dt><dd></dd></dl>\n")
     names = (operator, *[""] * len(ROLES[1:]))
@@ -173,8 +173,8 @@ def _first_page(result: Result, files: list[tuple[str, str]], operator: str) -> 
 
 def _conditions(result: Result, record: Record, twin: TwinStory | None) -> Iterator[Markup]:
     """Yield the instruction, the preconditions, the first trip, the deviations from the model and the incident."""
-    if told := _instruction(result.instruction, result.title):
-        yield section("What was tested", *told)
+    if paragraphs := _instruction(result.instruction, result.title):
+        yield section("What was tested", *paragraphs)
     if result.warnings or result.preconditions:
         words = {None: "not checked", True: "met", False: "not met"}
         met = ((one.text, f"{words[one.met]}: {one.found}") for one in result.preconditions)
@@ -235,14 +235,14 @@ _CHECK: Final = Markup("""\
 """)
 
 
-def _check_table(rows: Sequence[CheckRow], *, told: bool = False) -> Markup:
-    """Return the table of checks, each a group of rows: the values, with ``told`` the purpose, and the details."""
+def _check_table(rows: Sequence[CheckRow], *, purpose: bool = False) -> Markup:
+    """Return the table of checks, each a group of rows: the values, with ``purpose`` the purpose, and the details."""
     bodies = []
     for row in rows:
         kind = row.check.verdict.value.replace(" ", "-")
         notes = [
             Markup('<tr><td colspan="8" class="note">{}</td></tr>\n').format(note)
-            for note in (row.check.about if told else "", row.detail)
+            for note in (row.check.about if purpose else "", row.detail)
             if note
         ]
         bodies.append(element("tbody", joined([_CHECK.format(row, bar_drawing(row), kind), *notes]), kind))
@@ -336,8 +336,8 @@ def _note(one: Note) -> tuple[Markup, Markup]:
     when = one.at.replace("T", " ").replace("Z", " UTC")
     file = f"notes/{one.file}" if one.file else ""
     checksum = element("code", f"SHA-256 {one.sha256}") if one.file else ""
-    told = (one.text, file, checksum)
-    return joined(filter(None, (when, one.by)), "<br>"), joined(filter(None, told), "<br>")
+    parts = (one.text, file, checksum)
+    return joined(filter(None, (when, one.by)), "<br>"), joined(filter(None, parts), "<br>")
 
 
 def _result_of(record: Record, directory: Path) -> Result:
@@ -424,12 +424,12 @@ def _timing(timing: Timing) -> Markup:
 
 def _facts(meta: dict[str, Any], result: Result) -> list[tuple[str, str]]:
     """Return the facts needed to repeat the run: flat, in order, each once."""
-    beside = {name: value for name, value in meta.items() if name not in {"title", "instruction"}}
-    facts: dict[str, Any] = {"plan": result.plan, "rig": result.rig, "seed": result.seed, **beside}
-    if isinstance(told := meta.get("instruments"), dict):  # a table has the pieces
-        facts["instruments"] = {name: value for name, value in told.items() if name != "pieces"}
-    if isinstance(told := meta.get("dimensions"), dict):  # so have the dimensions
-        facts["dimensions"] = {name: value for name, value in told.items() if name != "known"}
+    others = {name: value for name, value in meta.items() if name not in {"title", "instruction"}}
+    facts: dict[str, Any] = {"plan": result.plan, "rig": result.rig, "seed": result.seed, **others}
+    if isinstance(known := meta.get("instruments"), dict):  # a table has the pieces
+        facts["instruments"] = {name: value for name, value in known.items() if name != "pieces"}
+    if isinstance(known := meta.get("dimensions"), dict):  # so have the dimensions
+        facts["dimensions"] = {name: value for name, value in known.items() if name != "known"}
     return [
         (name.replace("_", " "), text)
         for name, value in flattened(facts)
@@ -439,8 +439,8 @@ def _facts(meta: dict[str, Any], result: Result) -> list[tuple[str, str]]:
 
 def _dimensions(meta: dict[str, Any]) -> list[Markup]:
     """Return the dimensions of the rig, sorted by name, with value, uncertainty (SI) and provenance."""
-    told = meta.get("dimensions")
-    known = told.get("known") if isinstance(told, dict) else None
+    dimensions = meta.get("dimensions")
+    known = dimensions.get("known") if isinstance(dimensions, dict) else None
     if not known or not isinstance(known, dict):
         return []
     rows = [

@@ -107,7 +107,7 @@ def time_panel(
     paper.heading(title, _joined(unit(measured_in), paper.vertical_scale()))
     for index, (line, points) in enumerate(zip(lines, drawn, strict=True)):
         color, dash = look(index, line.label)
-        # As `_wide`, and less so: the lines of a signal over time are dense.
+        # Smaller differences than in `_wide`, because the lines of a signal over time are dense.
         wide = 0.9 + 0.8 * (len(lines) - 1 - index) / max(1, len(lines) - 1) if len(lines) > 1 else 1.0
         paper.line(*points, Look(color, wide, dash))
     for mark in marks:
@@ -126,7 +126,7 @@ def strips(
     """Return rows of named intervals over time: the phases, and every signal whose values have names."""
     paper = Sheet(Margins(0.23 * len(rows) + 0.30, bottom=0.28, top=0.02), span, (len(rows) - 0.5, -0.5))
     points = (WIDTH_IN - LEFT_IN - RIGHT_IN) * 72 / (span[1] - span[0])
-    # Two tones take turns, so that neighbours stay apart even in a poor copy.
+    # Alternating tones distinguish neighbours even in a poor copy.
     tones: tuple[list[Box], list[Box]] = ([], [])
     for row, (_, stretches) in enumerate(rows):
         for index, (start, end, _) in enumerate(stretches):
@@ -211,7 +211,7 @@ def is_over_decades(curves: Sequence[Curve]) -> bool:
 def labelled_frequencies(curves: Sequence[Curve]) -> list[float]:
     """Return the frequencies of the points that are labelled on a logarithmic scale without overlap.
 
-    These are the lowest and the highest, and in between, from the left, each one for which there is room.
+    These are the lowest and the highest, and those between them, from the left, for which there is room.
     """
     places = sorted({n / one.x.scale for one in curves for n in one.xs if n})
     first, *_, last = places

@@ -383,14 +383,14 @@ def conclude(
     checks. Without a reason, one failed check fails the run. A run with a check in error, or without an available
     check, is blocked. Any other run is incomplete if a check is not available on this rig, else it passes.
     """
-    verdict, why = _outcome(checks, reason)
+    verdict, cause = _outcome(checks, reason)
     return Result(
         plan=plan,
         title=title,
         instruction=instruction,
         verdict=verdict,
         checks=list(checks),
-        reason=why,
+        reason=cause,
         **rest,
     )
 

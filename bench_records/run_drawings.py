@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from bench_records.report_plots import Series
 
 STRIP_STRETCHES = 400
-#: Next to the first; more columns are not legible on paper.
+#: Largest number of columns next to the first one; more are not legible on paper.
 TABLE_COLUMNS = 8
 #: Resolution for the zoom into the signals of a run: number of stretches with two points each.
 FINE = 4000
-#: The kind of event that reports of a limit that tripped.
+#: The kind of event that reports a tripped limit.
 TRIP = "trip"
 
 

@@ -15,7 +15,7 @@ from bench_records.typography import THIN_SPACE, plain, seconds
 
 #: Roles of the signatures.
 ROLES: Final = ("tested by", "checked by", "approved by")
-#: The last date in the calendar; as a due date of an instrument it means never.
+#: The last date of the calendar; as a due date it means "never due".
 NO_DAY: Final = date.max.isoformat()
 NEVER: Final = "no due date"
 #: Number of characters of the record's checksum in the footer of every page.
@@ -41,9 +41,7 @@ class Instrument(NamedTuple):
 
 
 def identification(record: Record, result: Result, duration: float) -> list[Entry]:
-    """Return the first table of a report: the entries of every run, even if empty, and the additional ones of this
-    run.
-    """
+    """Return the first table of a report: the standard entries, even if empty, and the additional ones of this run."""
     meta, specimen = record.meta, result.specimen
     virtual = meta.get("time") == "virtual"
     entries = [
@@ -70,9 +68,9 @@ def identification(record: Record, result: Result, duration: float) -> list[Entr
 
 def instruments_of(meta: Mapping[str, Any]) -> list[Instrument]:
     """Return the instruments of a run, each once with all its readings."""
-    told = meta.get("instruments", {})
+    instruments = meta.get("instruments", {})
     found: dict[tuple[str, ...], list[str]] = {}
-    for piece in told.get("pieces", ()) if isinstance(told, dict) else ():
+    for piece in instruments.get("pieces", ()) if isinstance(instruments, dict) else ():
         key = tuple(
             str(piece.get(name, "")) for name in ("type", "serial_number", "certificate", "calibrated", "due")
         )

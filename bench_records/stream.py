@@ -1,7 +1,7 @@
 """The stream that a run writes: its lock, and its contents, even if it is cut off at any byte.
 
 Its head is written first. Its writer holds a lock, which the operating system releases when the process ends for any
-reason. So a stream without a lock belongs to a run that was cut off.
+reason. So a stream without a lock belongs to an interrupted run.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ def unit(name: str) -> str:
 
 
 def primed(text: str) -> str:
-    """Return a text with typographic primes of its symbols: one behind a capital as ′, two as ″."""
+    """Return a text with typographic primes after capitals: ' becomes ′, and '' becomes ″."""
     return re.sub(r"\b([A-Z])(\'{1,2})(?![\w\'])", lambda m: m[1] + ("′" if len(m[2]) == 1 else "″"), text)
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 #: Rows that a sheet has, its head included.
 ROWS: Final = 1 << 20
-#: Texts from users stay texts: none becomes a formula or a link.
+#: Texts from users are written as texts, not as formulas or links.
 _OPTIONS: Final = {
     "strings_to_formulas": False,
     "strings_to_urls": False,

@@ -8,7 +8,7 @@ from typing import IO, TYPE_CHECKING, Any, Final
 
 from bench_protocol.os_errors import reason
 from bench_protocol.runtime.file_locks import hold
-from bench_records.disk import why
+from bench_records.disk import disk_reason
 from bench_records.layout import whole
 
 if TYPE_CHECKING:
@@ -186,7 +186,8 @@ def _write(table: "pa.Table", path: Path) -> None:
             os.fsync(folder)
     except OSError as error:
         raise KeptFailed(
-            f"no more rows can be written to {path.parent}: {why(error)}; correct this, and run the same command again"
+            f"no more rows can be written to {path.parent}: {disk_reason(error)}; correct this, "
+            "and run the same command again"
         ) from None
 
 

@@ -63,8 +63,8 @@ def read_clock(
         )
     if column.kind == "text" and looks_like_a_stamp(column.example):
         return _from_text(sheet, index, keys, account, where)
-    said = source.unit or column.unit or "s"
-    unit = _of_time(said, f"{where}: time.unit" if source.unit else f"{where}: the unit in the head")
+    shown_unit = source.unit or column.unit or "s"
+    unit = _of_time(shown_unit, f"{where}: time.unit" if source.unit else f"{where}: the unit in the head")
     if source.unit and column.unit and source.ignore_head_unit:
         account.take(f"the clock is read in {source.unit}, not in {column.unit} as its head says")
     elif (
@@ -75,7 +75,7 @@ def read_clock(
             "wrong, give ignore_head_unit = true"
         )
     values = _exact(sheet, index, source, point, where)
-    return _from_numbers(values, unit.unit.factor, said, account, where, sheet)
+    return _from_numbers(values, unit.unit.factor, shown_unit, account, where, sheet)
 
 
 def _of_time(text: str, where: str) -> ReadUnit:
@@ -158,14 +158,14 @@ def _from_text(sheet: Sheet, index: int, keys: FileKeys, account: Account, where
             if error.index
             else f'{where}: "{cells[0]}" in {sheet.at(0)} is not a time{hint}'
         ) from None
-    for sentence in found.told:
+    for sentence in found.remarks:
         account.take(sentence)
     if found.dated:
         return _from_stamps(found.ns, found.there, found.zoned, keys, account, where)
     if not found.there.any():
         return Clock(np.full(len(cells), np.nan))
     begin = int(found.ns[found.there][0])
-    if not found.told:
+    if not found.remarks:
         account.take(f"the times are times of day; the record begins at {in_words(begin)[11:]}")
     steps = np.diff(found.ns[found.there] // (86_400 * SECOND))
     if steps.any():
@@ -202,11 +202,11 @@ def _in_utc(ns: Any, zone: str, where: str) -> Any:
         try:
             local = local.tz_localize(zone, ambiguous=[True] * len(local))
         except Exception:
-            raise RecordError(f'{where}: file.zone = "{zone}" {_why_not(local, zone)}') from None
+            raise RecordError(f'{where}: file.zone = "{zone}" {_invalid_in(local, zone)}') from None
     return local.tz_convert("UTC").asi8 if local.unit == "ns" else local.tz_convert("UTC").as_unit("ns").asi8
 
 
-def _why_not(local: Any, zone: str) -> str:
+def _invalid_in(local: Any, zone: str) -> str:
     """Return the reason why local stamps are invalid in a zone."""
     try:
         lost = local.tz_localize(zone, ambiguous=[True] * len(local), nonexistent="NaT").isna()
@@ -229,8 +229,8 @@ def _from_spans(column: Column, account: Account) -> Clock:
 
 def in_words(ns: int, zoned: bool = False) -> str:
     """Return an instant as text."""
-    told = datetime.fromtimestamp(ns // SECOND, UTC).strftime("%Y-%m-%d %H:%M:%S")
-    return f"{told}.{ns % SECOND // 1_000_000:03d}{' UTC' if zoned else ''}"
+    text = datetime.fromtimestamp(ns // SECOND, UTC).strftime("%Y-%m-%d %H:%M:%S")
+    return f"{text}.{ns % SECOND // 1_000_000:03d}{' UTC' if zoned else ''}"
 
 
 def many(rows: int) -> str:

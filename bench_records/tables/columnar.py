@@ -65,7 +65,7 @@ def _is_text(kind: Any) -> bool:
 
 def _arrow(path: Path) -> pa.Table:
     with pa.OSFile(str(path)) as file:
-        # A file is a stream between a mark and a list of its parts.
+        # An Arrow file is a stream between a magic number and a list of its parts.
         start = 8 if file.read(8).startswith(b"ARROW1") else 0
         file.seek(start)
         check_expansion(path, _unpacked(file))
@@ -120,8 +120,8 @@ def _index(table: pa.Table, columns: list[Column]) -> int | None:
     name.
     """
     try:
-        told = json.loads((table.schema.metadata or {}).get(b"pandas", b"{}"))
-        named = [one for one in told.get("index_columns", []) if isinstance(one, str)]
+        pandas_facts = json.loads((table.schema.metadata or {}).get(b"pandas", b"{}"))
+        named = [one for one in pandas_facts.get("index_columns", []) if isinstance(one, str)]
     except (ValueError, AttributeError):
         return None
     places = [index for index, column in enumerate(columns) if column.name in named]

@@ -49,7 +49,7 @@ def joined(sheet: Sheet, date: ColumnName, time: int, keys: FileKeys, account: A
         raise RecordError(
             f'{where}: the column of dates "{columns[0].name}" has times of day or zones, too; {_RIGHT}'
         )
-    for sentence in days.told:
+    for sentence in days.remarks:
         account.take(sentence)
     account.take(f"the columns {columns[0].name} and {columns[1].name} are one clock")
     there = days.there & times.there

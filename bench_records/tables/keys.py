@@ -12,7 +12,7 @@ Decimal = Literal[".", ","]
 
 
 class FileKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """``[file]``: a missing key is detected from the file if that is unambiguous; else the reader requests it."""
+    """``[file]``. The reader derives a missing key from the file, or requests it if the file is ambiguous."""
 
     format: str | None = None  #: default: by the suffix
     delimiter: str | None = None

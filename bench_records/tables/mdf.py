@@ -83,8 +83,8 @@ def places(path: Path, mdf: Any, account: Account) -> list[ChannelPlace]:
         if holds_frames(group):
             account.leave_out("group(s) of frames on a bus, which --dbc decodes", 1, f"group {number}")
             continue
-        told = group.channel_group
-        called = str(getattr(told, "acq_name", "") or getattr(told, "comment", "") or "").strip()
+        head = group.channel_group
+        called = str(getattr(head, "acq_name", "") or getattr(head, "comment", "") or "").strip()
         title = f'group {number} ("{called}")' if called and len(called) < 60 else f"group {number}"
         found += [
             ChannelPlace(number, index, channel.name, title, called)

@@ -43,7 +43,7 @@ _NUMBER: Final = r"^[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?$"
 
 @dataclass(frozen=True)
 class _Evidence:
-    """The first rows that show the decimal separator, by separator, and ambiguous rows."""
+    """The first rows that prove a decimal separator, by separator, and the first ambiguous rows."""
 
     certain: dict[str, int]
     open: dict[str, int]  #: rows with an ambiguous number such as 1.250, by separator
@@ -55,7 +55,7 @@ class DecimalPoint:
     """The decimal separator of a file, "" if unknown, and whether a key states it."""
 
     point: str
-    said: bool = False
+    stated: bool = False
 
 
 def first(mask: Any) -> int:
@@ -94,12 +94,12 @@ def numbers(
 
     cells = without_missing(sheet, index, account)
     if texts := [one for one in source.null or () if isinstance(one, str)]:
-        gone = pc.fill_null(pc.is_in(cells, pa.array(texts, cells.type)), False)
-        if account is not None and (count := pc.sum(gone).as_py()):
+        coded = pc.fill_null(pc.is_in(cells, pa.array(texts, cells.type)), False)
+        if account is not None and (count := pc.sum(coded).as_py()):
             account.leave_out(
-                "declared code(s)", count, f"{sheet.at(first(gone))}, {sheet.columns[index].name}"
+                "declared code(s)", count, f"{sheet.at(first(coded))}, {sheet.columns[index].name}"
             )
-        cells = pc.if_else(gone, pa.scalar(None, cells.type), cells)
+        cells = pc.if_else(coded, pa.scalar(None, cells.type), cells)
     plain = in_plain_digits(cells, sheet, index, source, decimal, where)
     try:
         values = pc.cast(plain, "double")
@@ -128,13 +128,13 @@ def without_missing(sheet: Sheet, index: int, account: Account | None) -> Any:
     cells = tidy(sheet.columns[index].cells)
     capitals = pc.utf8_upper(cells)
     for words, what in ((MISSING, "cell(s) without a number"), (INFINITE, "infinite value(s)")):
-        gone = pc.fill_null(pc.is_in(capitals, pa.array(words, cells.type)), False)
-        count = pc.sum(gone).as_py() or 0
+        missing = pc.fill_null(pc.is_in(capitals, pa.array(words, cells.type)), False)
+        count = pc.sum(missing).as_py() or 0
         if count:
-            at = first(gone)
+            at = first(missing)
             if account is not None:
                 account.leave_out(what, count, f"{sheet.at(at)}, {sheet.columns[index].name}: {cells[at]}")
-            cells = pc.if_else(gone, pa.scalar(None, cells.type), cells)
+            cells = pc.if_else(missing, pa.scalar(None, cells.type), cells)
     return cells
 
 
@@ -194,7 +194,7 @@ def _separators(
         )
     # Three digits after the other separator are thousands if the column or a key defines the decimal separator.
     thousands = other in found.between or (
-        other in found.open and (point in found.certain or bool(source.decimal) or decimal.said)
+        other in found.open and (point in found.certain or bool(source.decimal) or decimal.stated)
     )
     if other in found.open and not thousands:
         at = found.open[other]
@@ -250,7 +250,7 @@ def evidence(cells: Any) -> _Evidence:
 def of_the_file(sheet: Sheet, keys: FileKeys, texts: Sequence[tuple[int, Source]]) -> DecimalPoint:
     """Return the decimal separator of a file: from its key, or common to its columns."""
     if keys.decimal is not None:
-        return DecimalPoint(keys.decimal, said=True)
+        return DecimalPoint(keys.decimal, stated=True)
     shown: set[str] = set()
     for index, source in texts:
         if source.thousands is None and source.decimal is None:

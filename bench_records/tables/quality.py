@@ -226,7 +226,7 @@ def _is_one_of(values: Numbers, codes: Sequence[float]) -> Mask:
 
 
 def _codes_in(series: Series) -> Mask:
-    """Return a mask of the values that are far from all others, or that are reached and left by jumps."""
+    """Return a mask of the values that are far from all others, or that have jumps before and after them."""
     known = np.isfinite(series.values)
     values, times = series.values[known], series.times[known]
     mask = abs(values) > HUGE
@@ -343,7 +343,7 @@ class _Signal:
 
 
 def _held(signal: _Signal, others: Sequence[_Signal], output: bool) -> tuple[Mask, Mask]:
-    """Return masks (n,) of readings that are held at a rail, and elsewhere, while other columns move."""
+    """Return masks (n,) of readings that stay constant while other columns move: at a rail, and elsewhere."""
     rail, stuck = np.zeros((2, len(signal.values)), np.bool_)
     if len(signal.levels) < LEVELS:
         return rail, stuck
@@ -356,7 +356,7 @@ def _held(signal: _Signal, others: Sequence[_Signal], output: bool) -> tuple[Mas
         long &= lengths * np.log(max(equal, 1e-3)) < np.log(CHANCE / len(signal.values))
     if len(np.unique(held[long])) > max(CODES, HELD_LEVELS * len(signal.levels)):
         long[:] = False  # held at many values: it is rounded more coarsely than it moves
-    beside = np.maximum(np.append(lengths[1:], 1), np.append(1, lengths[:-1]))
+    neighbours = np.maximum(np.append(lengths[1:], 1), np.append(1, lengths[:-1]))
     extremes = (signal.levels[0], signal.levels[-1])
 
     def moving(chosen: Mask, all_of: bool = False) -> bool:
@@ -379,7 +379,7 @@ def _held(signal: _Signal, others: Sequence[_Signal], output: bool) -> tuple[Mas
             clipped = (often or (at & long).any()) and moving(flat)
         else:
             # Without noise a plateau of the motion itself looks the same, but then not all other columns move.
-            flat = at & long & (lengths >= AT_SPEED * beside)
+            flat = at & long & (lengths >= AT_SPEED * neighbours)
             clipped = output and flat.sum() >= 2 and len(others) > 1 and moving(flat, all_of=True)
         if clipped:
             rail |= signal.values == extreme

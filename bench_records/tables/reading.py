@@ -54,12 +54,12 @@ def format_of(path: Path, keys: FileKeys) -> FileForm:
     form = named[0] if named else None if keys.format else form_of(path, FORMS)
     if form is None or (form.read is None and form is not MDF):
         known = ", ".join(f'"{one.name}"' for one in FORMS if one.read is not None or one is MDF)
-        said = f'file.format = "{keys.format}"' if keys.format else f'the suffix "{path.suffix}"'
+        choice = f'file.format = "{keys.format}"' if keys.format else f'the suffix "{path.suffix}"'
         if not keys.format and (how := export_of(path)):
             raise RecordError(
                 f"{path}: files of this format are not read; convert the file to a table with: {how}"
             )
-        raise RecordError(f"{path}: {said} is not a known format; give file.format = one of {known}")
+        raise RecordError(f"{path}: {choice} is not a known format; give file.format = one of {known}")
     return form
 
 
@@ -127,21 +127,21 @@ def of_sheet(
     joins: dict[int, int] = {}
     for key, (_, source) in chosen.items():
         own = source.time is not None
-        said = TimeSource(column=source.time, unit=time.unit, decimal=time.decimal) if own else time  # type: ignore[arg-type]
+        given = TimeSource(column=source.time, unit=time.unit, decimal=time.decimal) if own else time  # type: ignore[arg-type]
         where = f"{sheet.path}: {key}.time" if own else f"{sheet.path}: time.column"
-        places[key] = clock_place(sheet, said, where, account)
-        if said.date is not None:
+        places[key] = clock_place(sheet, given, where, account)
+        if given.date is not None:
             at = places[key]
             if at not in joins:
-                joins[at] = joined(sheet, said.date, at, keys, account, where)
+                joins[at] = joined(sheet, given.date, at, keys, account, where)
             places[key] = joins[at]
-        clocks.setdefault(places[key], (said, where))
+        clocks.setdefault(places[key], (given, where))
     texts = [(index, source) for index, source in chosen.values() if sheet.columns[index].kind == "text"]
-    texts += [(index, said) for index, (said, _) in clocks.items() if sheet.columns[index].kind == "text"]
+    texts += [(index, given) for index, (given, _) in clocks.items() if sheet.columns[index].kind == "text"]
     point = of_the_file(sheet, keys, texts)
     read = {
-        index: read_clock(sheet, index, said, keys, point, account, where)
-        for index, (said, where) in clocks.items()
+        index: read_clock(sheet, index, given, keys, point, account, where)
+        for index, (given, where) in clocks.items()
     }
     for index, clock in read.items():
         refuse_halves(sheet, index, clocks[index][1])

@@ -62,30 +62,30 @@ class Sheet:
         """Return the place of a row in the file, as text."""
         return f"{self.row_word} {self.rows[index]}"
 
-    def places(self, wanted: ColumnName) -> list[int]:
-        """Return the indices of the columns that ``wanted`` names: none, one or several."""
-        if isinstance(wanted, int):
-            return [wanted - 1] if 1 <= wanted <= len(self.columns) else []
-        return [index for index, column in enumerate(self.columns) if column.name == wanted]
+    def places(self, name: ColumnName) -> list[int]:
+        """Return the indices of the columns that ``name`` refers to: none, one or several."""
+        if isinstance(name, int):
+            return [name - 1] if 1 <= name <= len(self.columns) else []
+        return [index for index, column in enumerate(self.columns) if column.name == name]
 
-    def place(self, wanted: ColumnName, where: str) -> int:
-        """Return the index of the only column that ``wanted`` names. Raises RecordError, which begins with
+    def place(self, column: ColumnName, where: str) -> int:
+        """Return the index of the only column that ``column`` names. Raises RecordError, which begins with
         ``where``.
         """
-        found = self.places(wanted)
+        found = self.places(column)
         if len(found) == 1:
             return found[0]
-        told = f'{where} = "{wanted}"' if isinstance(wanted, str) else f"{where} = {wanted}"
+        given = f'{where} = "{column}"' if isinstance(column, str) else f"{where} = {column}"
         if found:
             numbers = " and ".join(str(index + 1) for index in found)
             raise RecordError(
-                f"{told}: the columns {numbers} have this name; give the number of the right column, "
+                f"{given}: the columns {numbers} have this name; give the number of the right column, "
                 f"such as {found[0] + 1}"
             )
-        if isinstance(wanted, int):
+        if isinstance(column, int):
             raise RecordError(
-                f"{told}: there is no such column; the file has the columns 1 to {len(self.columns)}"
+                f"{given}: there is no such column; the file has the columns 1 to {len(self.columns)}"
             )
         raise RecordError(
-            f"{told}: there is no such column; the columns are {', '.join(self.names) or 'none'}"
+            f"{given}: there is no such column; the columns are {', '.join(self.names) or 'none'}"
         )

@@ -48,7 +48,7 @@ class Stamps(NamedTuple):
     there: npt.NDArray[np.bool_]
     dated: bool
     zoned: bool
-    told: Sequence[str]
+    remarks: Sequence[str]
 
 
 class NotAStamp(Exception):
@@ -87,18 +87,18 @@ def read_stamps(cells: Sequence[str | None], dates: Literal["dmy", "mdy"] | None
         for index, cell in enumerate(cells):
             if cell is not None:
                 ns[index] = _span(cell, index)
-        return Stamps(ns, there, dated=False, zoned=False, told=("the times are durations",))
+        return Stamps(ns, there, dated=False, zoned=False, remarks=("the times are durations",))
     parts = np.zeros(len(cells), np.int64)
     if first := _OF_DAY.fullmatch(example):
         for index, cell in enumerate(cells):
             if cell is not None:
                 ns[index] = _of_day(cell, index)
                 parts[index] = _digits(_OF_DAY.fullmatch(cell))
-        ns, told = _whole_milliseconds(ns, there, parts)
+        ns, remarks = _whole_milliseconds(ns, there, parts)
         if first["s"] is None:
             ns, there = over_midnight(ns, there, _HOUR)
-            told.append("the times are minutes and seconds, and continue after each hour")
-        return Stamps(*over_midnight(ns, there), dated=False, zoned=False, told=told)
+            remarks.append("the times are minutes and seconds, and continue after each hour")
+        return Stamps(*over_midnight(ns, there), dated=False, zoned=False, remarks=remarks)
     days = _Days(cells, dates)
     zones = set()
     for index, cell in enumerate(cells):
@@ -116,8 +116,8 @@ def read_stamps(cells: Sequence[str | None], dates: Literal["dmy", "mdy"] | None
         ns[index] = days.of(found, index) * DAY + of_day - (offset or 0) * 60 * SECOND
     if len(zones) == 2:
         raise NotAStamp(0, "some times have a zone and some have none; write all of them in the same form")
-    ns, told = _whole_milliseconds(ns, there, parts)
-    return Stamps(ns, there, dated=days.known, zoned=zones == {False}, told=[*days.told, *told])
+    ns, remarks = _whole_milliseconds(ns, there, parts)
+    return Stamps(ns, there, dated=days.known, zoned=zones == {False}, remarks=[*days.remarks, *remarks])
 
 
 def _span(cell: str, index: int) -> int:
@@ -139,7 +139,7 @@ def _digits(found: re.Match[str] | None) -> int:
 def _whole_milliseconds(
     ns: npt.NDArray[np.int64], there: npt.NDArray[np.bool_], parts: npt.NDArray[np.int64]
 ) -> tuple[npt.NDArray[np.int64], list[str]]:
-    """Read the digits behind the seconds as integer milliseconds, if they give no even clock as decimals.
+    """Read the digits after the seconds as integer milliseconds, if as decimals they give an uneven clock.
 
     ``parts`` are those of `_digits`. Some programs write 10:00:00.0, .10 … .990 for 0 to 990 ms, or four digits, .0990.
     """
@@ -199,7 +199,7 @@ class _Days:
 
     def __init__(self, cells: Sequence[str | None], dates: Literal["dmy", "mdy"] | None) -> None:
         self._known: dict[str, int] = {}
-        self.told: list[str] = []
+        self.remarks: list[str] = []
         self.known = True
         open_: dict[str, int] = {}
         start = _STAMP.fullmatch(next((cell for cell in cells if cell is not None), ""))
@@ -216,7 +216,7 @@ class _Days:
                 )
             self.known, self._order = False, "dmy"
             (text,) = open_
-            self.told.append(
+            self.remarks.append(
                 f"{text} may begin with the day or the month, so the record has no date and begins at the first row; "
                 'for the date, give dates = "dmy" or "mdy"'
             )

@@ -94,7 +94,7 @@ def text_lines(path: Path, encoding: str, account: Account) -> list[str]:
 
 
 def _without_zeros(content: bytes, account: Account) -> bytes:
-    """Return the content with lines emptied and counted that have a byte 0, as after a power cut."""
+    """Return the content without the lines that have a byte 0, for example after a power cut; count these lines."""
     lines = content.split(b"\n")
     cut = [number for number, line in enumerate(lines, 1) if b"\0" in line]
     if len(cut) * 10 > len(lines):
@@ -148,7 +148,7 @@ def _delimiter(lines: Sequence[str], keys: FileKeys, wanted: Sequence[ColumnName
         width, count = widths.most_common(1)[0] if widths else (1, 0)
         cells = [cell for row in rows if len(row) == width for cell in row if cell]
         values = sum(map(is_value, cells)) / max(len(cells), 1)
-        # A space is the last choice: dates and names have some.
+        # A space is the last choice, because dates and names contain spaces.
         scores[one] = (found, one != " " and count > 0, count > 0, round(values, 2), count, width)
     return max(scores, key=lambda one: scores[one])
 
