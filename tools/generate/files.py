@@ -371,7 +371,7 @@ def effects_page() -> str:
             places = f" At {' or '.join(f'`{effect.name}.{place}`' for place in effect.places)}."
             print(f"{_sentence(effect.title)}{places if effect.places else ''}\n", file=out)
             print(f"```\n{effect.equation}\n```\n", file=out)
-            print(f"{'; '.join(_span_of(one) for one in effect.parameters)}.", end=" ", file=out)
+            print(f"{'; '.join(_span_of(one) for one in effect.parameters)}.\n", file=out)
             if effect.confusers:
                 print(f"Similar: {_listed(effect.confusers)}.", end=" ", file=out)
             if effect.richer:
@@ -452,7 +452,7 @@ def commands_page() -> str:
         shared = [record for record in counts if first.get(_first_word(record)) == record]
         formatter = click.HelpFormatter(width=100)
         formatter.write_dl(shared)
-        print("## Options of several commands\n", file=out)
+        print("## Shared options\n", file=out)
         print("Every command has `--help`.\n", file=out)
         print(f"```text\n{formatter.getvalue()}```\n", file=out)
         for title, command in described:
@@ -466,7 +466,7 @@ def commands_page() -> str:
                 text = command.get_help(click.Context(command, info_name=title, terminal_width=100))
             print(f"## `{title}`\n\n```text\n{text}\n```\n", file=out)
             if names := [f"`{_first_word(record)}`" for record in records if record in shared]:
-                print(f"Options of several commands: {', '.join(names)}.\n", file=out)
+                print(f"Shared options: {', '.join(names)}.\n", file=out)
     return out.getvalue()
 
 

@@ -160,6 +160,7 @@ the name of the transport, its table and the directory of the file. It returns a
 ([instructions](../how-to/connect-a-rig.md#write-a-transport)).
 """
 
+
 def wiring_page() -> str:
     """Return the text of the page."""
     out = io.StringIO()
@@ -175,6 +176,7 @@ def wiring_page() -> str:
         print(f"### {title}\n\n```toml\n{_example(module)}\n```\n", file=out)
     print(_OWN, end="", file=out)
     return out.getvalue()
+
 
 def _documented_keys(keys: type[msgspec.Struct]) -> Iterator[tuple[str, str, str]]:
     """Yield key, default and comment of each field; ValueError for a field without a comment."""
@@ -193,16 +195,19 @@ def _documented_keys(keys: type[msgspec.Struct]) -> Iterator[tuple[str, str, str
         text = comment[1].replace("``", "`").replace("|", "\\|")
         yield field.encode_name, _default(field), re.sub(r"^key `\w+`: ", "", text)
 
+
 def _default(field: Any) -> str:
     if field.required:
         return "needed"
     value = field.default_factory() if field.default is msgspec.NODEFAULT else field.default
     return "" if value in ("", None, [], {}) or isinstance(value, msgspec.Struct) else f"`{_toml(value)}`"
 
+
 def _toml(value: object) -> str:
     return {"True": "true", "False": "false"}.get(
         str(value), f'"{value}"' if isinstance(value, str) else str(value)
     )
+
 
 def _example(module: ModuleType) -> str:
     """Return the example in the docstring of a transport's module."""
