@@ -79,8 +79,8 @@ FAULTS: Final = (
     Fault(
         "duplicate",
         FaultPlace.BUS,
-        "Frames come twice, as from a repeater that never saw its acknowledgement.",
-        "The second one is refused as repeated: readings stay right; commands that are doubled count in "
+        "Frames are sent twice, as by a faulty repeater.",
+        "The second frame is refused as repeated, and readings stay correct. Duplicate commands are counted in "
         "`rig.rejected_commands`.",
         _drawn(Doubled),
         (_chance(100), *_WHICH),
@@ -88,18 +88,18 @@ FAULTS: Final = (
     Fault(
         "corrupt",
         FaultPlace.BUS,
-        "One bit of a frame's data is wrong, as behind a faulty gateway that makes a new CRC of CAN's own.",
-        "A command fails its CRC and counts in `rig.rejected_commands`; a feedback frame has only a counter: a reading "
-        "jumps, or the counter does and the frame is refused or a gap is counted.",
+        "One bit of a frame is wrong, and the CRC of CAN is valid, as behind a faulty gateway.",
+        "A command fails its CRC and is counted in `rig.rejected_commands`. A frame of the rig has only a counter: "
+        "a reading jumps, or a gap is counted.",
         _drawn(Corrupted),
         (_chance(10), *_WHICH),
     ),
     Fault(
         "delay",
         FaultPlace.BUS,
-        "Frames come late, with a jitter also in another order.",
-        "The stamps of the frames are later by as much; readings whose delay exceeds their age limit are stale, old "
-        "ones that overtake are refused; commands later than 100 ms lead to HOLD once, when the delay begins.",
+        "Frames arrive late. With jitter, their order can change.",
+        "The time stamps are later by the delay. Readings older than their age limit are stale, and overtaken "
+        "frames are refused. Commands later than 100 ms lead to HOLD once, when the delay begins.",
         _frames(_delayed),
         (
             FaultNumber("by", "ms", 0.1, 2000, "how late at least", 20),
@@ -110,9 +110,9 @@ FAULTS: Final = (
     Fault(
         "babble",
         FaultPlace.BUS,
-        "A node that has gone mad sends one identifier all the time.",
-        "Foreign frames at that rate; where the bus has a bit rate and the identifier is low, everybody else's frames "
-        "wait. Nothing is read from them.",
+        "A faulty node sends one identifier continuously.",
+        "Unknown frames arrive at this rate. If the bus has a bit rate and the identifier is low, all other frames "
+        "wait.",
         _frames(lambda v: Babble(int(v["identifier"]), v["rate"])),
         (
             FaultNumber("identifier", "1", 0, STANDARD_ID_MAX, "of its frames", 0, whole=True),
@@ -122,17 +122,17 @@ FAULTS: Final = (
     Fault(
         "bus_off",
         FaultPlace.BUS,
-        "The rig's CAN controller is off the bus; the connections stand.",
-        "No frame comes any more and all readings go stale; the rig hears no command: HOLD after 100 ms, the safe "
-        "position after 500 ms. Modbus goes on, and says so.",
+        "The CAN controller of the rig is in the state bus off, but connections stay open.",
+        "No frames arrive, and all readings become stale. The rig receives no command: HOLD after 100 ms, the safe "
+        "position after 500 ms. Modbus works, and reports the state.",
         _frames(lambda v: Silence()),
     ),
     Fault(
         "wrong_counter",
         FaultPlace.BUS,
-        "The counters in the frames go wrong: they stand still (step -1) or leave numbers out.",
-        "Standing still: every frame after the first is refused as repeated, readings go stale, commands are rejected "
-        "and the rig holds. Leaving out: as many lost frames are counted as numbers are missing.",
+        "The counters of frames are wrong: they do not change (step -1), or they leave out numbers.",
+        "With step -1, each frame after the first is refused as repeated, readings become stale, and the rig "
+        "holds. With other steps, the missing numbers are counted as lost frames.",
         _frames(
             lambda v: Miscounted(
                 int(v["step"]), direction=v["direction"], message=v["message"], seed=int(v["seed"])
@@ -147,8 +147,8 @@ FAULTS: Final = (
         "wrong_crc",
         FaultPlace.BUS,
         "The CRC of commands is wrong.",
-        "The rig counts each in `rig.rejected_commands` and acts on none: HOLD after 100 ms, the safe position after "
-        "500 ms.",
+        "The rig counts each command in `rig.rejected_commands` and executes none: HOLD after 100 ms, the safe "
+        "position after 500 ms.",
         _frames(lambda v: BrokenSum(TO_RIG, ALL, v["probability"], int(v["seed"]))),
         (_chance(100), _SEED),
     ),
@@ -156,8 +156,8 @@ FAULTS: Final = (
         "interface_down",
         FaultPlace.BUS,
         "The CAN interface of the rig goes down, and up again at the end.",
-        "The connection to the hub closes and new ones are closed at once (`LinkLost`); on SocketCAN the bus falls "
-        "silent. The rig holds at once where it sees the connection close, else after 100 ms.",
+        "The connection to the hub and new connections are closed at once (`LinkLost`). On SocketCAN no frames "
+        "arrive. The rig holds when it detects the closed connection, or else after 100 ms.",
         _cut,
     ),
 )

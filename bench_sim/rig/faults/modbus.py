@@ -48,23 +48,23 @@ FAULTS: Final = (
         "modbus_exception",
         FaultPlace.MODBUS,
         "The PLC refuses requests with an exception.",
-        "`Refused` with that code and its meaning; nothing has changed on the rig.",
+        "`Refused` with this code and its meaning. Nothing changes on the rig.",
         _requests(lambda v: Refusal(int(v["code"]), v["probability"], v["requests"], int(v["seed"]))),
         (FaultNumber("code", "1", 1, 11, "of the exception", 4, whole=True), *_WHICH),
     ),
     Fault(
         "modbus_silence",
         FaultPlace.MODBUS,
-        "Requests get lost on their way to the PLC.",
-        "No answer within the time-out, then `LinkLost`; the request was not carried out. CAN goes on.",
+        "Requests to the PLC are lost.",
+        "No answer arrives within the time-out, then `LinkLost`. The request was not executed. CAN works.",
         _requests(lambda v: Mute(v["probability"], v["requests"], int(v["seed"]))),
         _WHICH,
     ),
     Fault(
         "modbus_junk",
         FaultPlace.MODBUS,
-        "Answers are none: of another transaction or unit, or bytes without meaning.",
-        "`LinkLost` and never a reading; the request was carried out all the same.",
+        "Answers are invalid: from another transaction or unit, or random bytes.",
+        "`LinkLost`, and never a reading. The request was executed.",
         _requests(lambda v: Junk(v["what"], v["probability"], v["requests"], int(v["seed"]))),
         (
             FaultChoice("what", (Junk.TRANSACTION, Junk.UNIT, Junk.NOISE), "what is wrong", Junk.NOISE),
@@ -74,16 +74,16 @@ FAULTS: Final = (
     Fault(
         "modbus_slow",
         FaultPlace.MODBUS,
-        "Answers come late.",
-        "Every request takes so much longer; beyond the client's time-out it is `LinkLost`.",
+        "Answers arrive late.",
+        "Each request takes longer. Beyond the time-out of the client it is `LinkLost`.",
         _requests(lambda v: Slow(v["by"])),
         (FaultNumber("by", "ms", 1, 10_000, "how late", 100),),
     ),
     Fault(
         "modbus_split",
         FaultPlace.MODBUS,
-        "Answers come in small pieces, as through a bad tunnel.",
-        "Nothing but time: a client must put the pieces together again.",
+        "Answers arrive in small pieces, as through a poor tunnel.",
+        "Answers take longer, and the client must join the pieces.",
         _requests(lambda v: Split(int(v["size"]), v["gap"])),
         (
             FaultNumber("size", "1", 1, 250, "bytes of a piece", 3, whole=True),
@@ -93,9 +93,9 @@ FAULTS: Final = (
     Fault(
         "plc_restart",
         FaultPlace.MODBUS,
-        "The PLC restarts, for 3 s if no duration is given; valves and actuators lose their power.",
-        "All Modbus connections close and new ones are closed at once (`LinkLost`), the lease is gone; CAN says OFF, "
-        "and BOOT, INIT, DISABLED afterwards.",
+        "The PLC restarts, for 3 s if no duration is given. Valves and actuators lose their power.",
+        "All Modbus connections and new ones are closed at once (`LinkLost`), and the lease ends. CAN reports OFF, "
+        "then BOOT, INIT and DISABLED.",
         _restart,
         lasts=3.0,
     ),

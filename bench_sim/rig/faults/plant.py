@@ -104,8 +104,9 @@ FAULTS: Final = (
     Fault(
         "leak",
         FaultPlace.PLANT,
-        "A hole in a bellows: the effect of this name, while the rig runs.",
-        "The pressure of the spring falls, at held height; the leveling valve makes up for it and the supply works.",
+        "A hole in a bellows: the effect of this name, during a run.",
+        "At constant height, the pressure of the spring falls. The leveling valve compensates for it and uses "
+        "supply air.",
         _leak,
         (_SIDE, FaultNumber("area", "mm2", 0.01, 20, "effective area of the hole", 2)),
         "side",
@@ -114,8 +115,8 @@ FAULTS: Final = (
         "burst",
         FaultPlace.PLANT,
         "A bellows tears: a hole that no valve can feed.",
-        "The pressure of the spring is gone within seconds, and the bolster sits on its emergency spring unless "
-        "actuators hold it.",
+        "The spring loses its pressure within seconds. The bolster rests on its emergency spring, unless actuators "
+        "hold it.",
         _burst,
         (_SIDE, FaultNumber("area", "mm2", 20, 2000, "effective area of the hole", 500)),
         "side",
@@ -123,9 +124,9 @@ FAULTS: Final = (
     Fault(
         "blocked_orifice",
         FaultPlace.PLANT,
-        "Dirt blocks a part of the orifice between bellows and auxiliary chamber: the effect of this name, while "
-        "the rig runs.",
-        "The pressures of bellows and auxiliary chamber part when the spring moves or is filled, and the spring is "
+        "Dirt blocks a part of the orifice between bellows and auxiliary chamber: the effect of this name, during "
+        "a run.",
+        "The pressures of bellows and auxiliary chamber differ during motion and filling, and the spring is "
         "stiffer.",
         _blocked,
         (_SIDE, FaultNumber("share", "%", 1, 99, "of its area", 90)),
@@ -134,8 +135,9 @@ FAULTS: Final = (
     Fault(
         "stuck_leveling",
         FaultPlace.PLANT,
-        "A leveling valve no longer follows its lever: it stays as it is, is shut, or fills or exhausts all the time.",
-        "In the air mode `level` the height does not come back to its dead band: it stays off, or runs up or down.",
+        "A leveling valve no longer follows its lever: it stays in its position, is closed, or always fills or "
+        "exhausts.",
+        "In the air mode `level` the height does not return to its dead band: it stays, rises or falls.",
         _leveling,
         (_SIDE, FaultChoice("at", ("as_is", "shut", "filling", "exhausting"), "where it is stuck", "as_is")),
         "side",
@@ -144,8 +146,8 @@ FAULTS: Final = (
         "stuck_dpv",
         FaultPlace.PLANT,
         "The differential pressure valve is stuck.",
-        "Open: both auxiliary chambers come to one pressure while the valve is connected. Shut: they can differ by any "
-        "pressure.",
+        "Open: both auxiliary chambers get the same pressure while the valve is connected. Shut: their difference "
+        "is not limited.",
         _dpv,
         (FaultChoice("at", ("open", "shut"), "where it is stuck"),),
     ),
@@ -153,8 +155,8 @@ FAULTS: Final = (
         "stuck_service_valve",
         FaultPlace.PLANT,
         "A service valve of the bench is stuck.",
-        "The auxiliary chamber does not come to its target: its pressure stays, runs up to the supply or down to the "
-        "atmosphere. Shut or filling, the spring is not vented.",
+        "The auxiliary chamber does not reach its target: its pressure stays, rises to that of the supply, or "
+        "falls to the atmosphere. If the valve is shut or filling, the spring is not vented.",
         _service_valve,
         (_SIDE, FaultChoice("at", ("filling", "shut", "exhausting"), "where it is stuck")),
         "side",
@@ -163,8 +165,8 @@ FAULTS: Final = (
         "stuck_reservoir_valve",
         FaultPlace.PLANT,
         "The valve between a bellows and its auxiliary chamber is stuck.",
-        "Shut: the pressure of the bellows does not follow that of its auxiliary chamber, and venting does not empty "
-        "it. Open: shutting it off does nothing.",
+        "Shut: the pressure of the bellows does not follow that of its auxiliary chamber, and venting does not "
+        "empty it. Open: the chamber cannot be disconnected.",
         _reservoir_valve,
         (_SIDE, FaultChoice("at", ("open", "shut"), "where it is stuck", "shut")),
         "side",
@@ -173,7 +175,7 @@ FAULTS: Final = (
         "seized_actuator",
         FaultPlace.PLANT,
         "An actuator does not move below the force of its relief valves.",
-        "The displacement stays where it is, set-points or not; the force is what it takes.",
+        "The displacement does not follow the set-points, and the force is that of the load.",
         _seized,
         (FaultChoice("actuator", ACTUATORS, "which one"),),
         "actuator",
@@ -181,9 +183,9 @@ FAULTS: Final = (
     Fault(
         "supply_loss",
         FaultPlace.PLANT,
-        "The compressed air before the main valve fails, or is low.",
-        "`supply.pressure` falls to that within a second; nothing can be filled beyond it, check valves keep what is "
-        "in the springs.",
+        "The compressed air before the main valve fails, or its pressure is low.",
+        "`supply.pressure` falls to this value within a second. No spring can be filled beyond it. Check valves "
+        "keep the air in the springs.",
         _supply,
         (FaultNumber("pressure", "bar", 0, 12, "what is left, gauge", 0),),
     ),

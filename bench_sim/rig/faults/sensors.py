@@ -59,8 +59,8 @@ FAULTS: Final = (
     Fault(
         "stuck",
         FaultPlace.SENSORS,
-        "A sensor is frozen at what it reads when the fault begins.",
-        "The same value in every sample, without noise, and of good quality: only its counter lives.",
+        "A sensor is frozen at its reading when the fault begins.",
+        "Each sample has the same value, without noise and with good quality. Only the counter changes.",
         _disturbed(DisturbanceKind.STUCK),
         (_SENSOR,),
         "sensor",
@@ -68,8 +68,8 @@ FAULTS: Final = (
     Fault(
         "bias",
         FaultPlace.SENSORS,
-        "A sensor is off by a constant.",
-        "The reading jumps by that much when it begins, and stays within the range of the transducer.",
+        "A sensor has a constant error.",
+        "The reading jumps by this value, and stays within the range of the transducer.",
         _disturbed(DisturbanceKind.BIAS),
         (_SENSOR, _of_sensor("value", OF_SENSOR, "how far it is off")),
         "sensor",
@@ -77,8 +77,8 @@ FAULTS: Final = (
     Fault(
         "drift",
         FaultPlace.SENSORS,
-        "A sensor drifts away from the truth.",
-        "The reading leaves the truth at that rate, from where it was, up to the end of the transducer's range.",
+        "The error of a sensor grows.",
+        "The error grows at this rate from zero, up to the end of the range of the transducer.",
         _disturbed(DisturbanceKind.DRIFT),
         (_SENSOR, _of_sensor("value", OF_SENSOR_PER_SECOND, "how fast")),
         "sensor",
@@ -86,8 +86,8 @@ FAULTS: Final = (
     Fault(
         "spike",
         FaultPlace.SENSORS,
-        "A loose contact: single samples are off, at random.",
-        "Single samples far from their neighbours; a limit that asks for 20 ms does not trip.",
+        "A loose contact: single samples are wrong, at random.",
+        "Single samples are far from their neighbours. A limit with a persistence of 20 ms does not trip.",
         _disturbed(DisturbanceKind.SPIKE, lambda v: chance_of(v["rate"])),
         (
             _SENSOR,
@@ -100,8 +100,8 @@ FAULTS: Final = (
     Fault(
         "noise",
         FaultPlace.SENSORS,
-        "A sensor has more noise, normally distributed.",
-        "The readings scatter with that standard deviation about what they were.",
+        "A sensor has additional, normally distributed noise.",
+        "The readings scatter with this standard deviation.",
         _disturbed(DisturbanceKind.NOISE),
         (_SENSOR, _of_sensor("value", OF_SENSOR, "standard deviation"), _SEED),
         "sensor",
@@ -109,9 +109,9 @@ FAULTS: Final = (
     Fault(
         "broken_wire",
         FaultPlace.SENSORS,
-        "The wire of a sensor is broken: its amplifier reads the end of the range, or says that there is nothing.",
-        "The reading sits at its rail, beyond limits perhaps; or it is NaN, with the quality bit of Modbus cleared. "
-        "Without a pressure reading the actuators stay blocked.",
+        "The wire of a sensor is broken: its amplifier reads the end of the range, or reports no value.",
+        "The reading is at the end of its range, perhaps beyond a limit; or it is NaN, with the quality bit of "
+        "Modbus cleared. Without a pressure reading the actuators stay blocked.",
         _broken_wire,
         (_SENSOR, FaultChoice("reads", (LOW, HIGH, NOTHING), "what the amplifier makes of it", LOW)),
         "sensor",
@@ -119,8 +119,8 @@ FAULTS: Final = (
     Fault(
         "swapped",
         FaultPlace.SENSORS,
-        "Two sensors are wired crosswise: each reads what the other one should.",
-        "Two readings have changed places, on both wires and for the rig's own limits and valves.",
+        "Two sensors are exchanged: each has the reading of the other.",
+        "Two readings are exchanged on CAN and Modbus, and for the limits and valves of the rig.",
         _swapped,
         (_SENSOR, FaultChoice("other", _NAMES, "whose reading it has instead, and gives its own to")),
         "sensor",
@@ -128,8 +128,8 @@ FAULTS: Final = (
     Fault(
         "turned",
         FaultPlace.SENSORS,
-        "A sensor is wired the wrong way round.",
-        "The reading has the other sign, as far as the transducer reads that way.",
+        "A sensor has the wrong sign.",
+        "The reading has the opposite sign, within the range of the transducer.",
         _disturbed(DisturbanceKind.TURNED),
         (_SENSOR,),
         "sensor",

@@ -37,8 +37,9 @@ FAULTS: Final = (
     Fault(
         "late_ticks",
         FaultPlace.RIG,
-        "The machine that runs the rig stands still for a moment, again and again; in virtual time nothing happens.",
-        "`rig.late_ticks` and `rig.lateness_max` grow; frames come in bursts, stamped as they should have been.",
+        "The computer of the rig pauses repeatedly. In virtual time the fault has no effect.",
+        "`rig.late_ticks` and `rig.lateness_max` grow. Frames arrive in bursts, with the time stamps of their "
+        "deadlines.",
         _late_ticks,
         (
             FaultNumber("by", "ms", 1, 1000, "how long it stands still", 20),
@@ -49,24 +50,24 @@ FAULTS: Final = (
         "hung_plc",
         FaultPlace.RIG,
         "The program of the PLC hangs: its sockets are open, but it does not answer.",
-        "Connections are taken and requests never answered (`LinkLost` after the time-out); the function generator "
-        "stands still. CAN, the watchdog and the interlocks are not the PLC's and go on.",
+        "Connections are accepted, but requests are not answered (`LinkLost` after the time-out), and the function "
+        "generator stops. CAN, watchdog and interlocks do not depend on the PLC and work.",
         _hung,
     ),
     Fault(
         "estop",
         FaultPlace.RIG,
-        "Somebody presses the emergency stop, and releases it at the end.",
-        "ESTOP with its reason and an emergency message; the springs are vented. A reset is refused until it is "
-        "released.",
+        "A person presses the emergency stop, and releases it at the end.",
+        "ESTOP with its reason and an emergency message; the springs are vented. A reset is refused until the "
+        "release.",
         _estop,
     ),
     Fault(
         "power_loss",
         FaultPlace.RIG,
-        "Valves and actuators lose their power; what measures and talks has a battery.",
-        "OFF: held until vented, set down and let go. Power on is refused until it is over, and nothing comes back by "
-        "itself.",
+        "Valves and actuators lose their power. Sensors and communication have a battery.",
+        "OFF: the bolster is held until the springs are vented, then set down and unloaded. Power on is refused "
+        "until the fault ends. The bench does not start again by itself.",
         _power_loss,
     ),
 )
