@@ -30,8 +30,8 @@ _INTRODUCTION: Final = """\
 # Wiring file
 
 A wiring file describes a rig with other messages or registers than ours. It states the source or the target of each
-[signal](signals.md). It is `wiring.toml` next to `rig.toml`, or a table `[wiring]` of `rig.toml`. The rig file must then
-not contain `[can]`, `[modbus]` or `[simulation]`.
+[signal](signals.md). It is `wiring.toml` next to `rig.toml`, or a table `[wiring]` of `rig.toml`. The rig file must
+then not contain `[can]`, `[modbus]` or `[simulation]`.
 
 ## An example
 
@@ -104,8 +104,8 @@ each other: expression or function, calibration, unit, sign. A reading from seve
 point arrives. It is not available if one of the points is stale, or if its number has no choice.
 
 **A set-point** is computed in the opposite direction, 50 times a second, and written to a point that its transport
-sends periodically. It exists only after a plan sets it. Before the first command, only the orders of `sequences.open` and
-three signs of life (`alive`) are sent.
+sends periodically. It exists only after a plan sets it. Before the first command, only the orders of `sequences.open`
+and three signs of life (`alive`) are sent.
 
 **A setting** is written at once, together with the others of one call. If `read` does not return the new value within
 `within`, the bench writes the previous value again. Without `read`, the setting in force is the last written value, or
@@ -116,8 +116,8 @@ three signs of life (`alive`) are sent.
 **A signal that is `absent`**, or that the file does not contain, is refused with the reason if a plan uses it. A choice
 without a number is refused, too.
 
-**A transport of kind `astb`** has our own messages and registers. It carries all signals without a line in the file. A rig
-without a wiring uses such a file, `astb/data/rigs/local/wiring.toml`.
+**A transport of kind `astb`** has our own messages and registers. It carries all signals without a line in the file. A
+rig without a wiring uses such a file, `astb/data/rigs/local/wiring.toml`.
 
 **Units** are display units (`mm`, `bar`, `kN`, `degC`, …) of the quantity of the signal. A calibration table is
 extrapolated beyond its ends.
