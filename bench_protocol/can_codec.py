@@ -10,7 +10,7 @@ and of a command message (end-to-end protected)::
          bit   0     8       12            28            44            60      63
                | CRC | alive | field 1     | field 2     | field 3     | spare |
 
-A command belongs to the commander that holds the bench: it carries its token in a field, or in the data id of its CRC.
+A command carries the token of its commander in a field, or in the data id of its CRC.
 """
 
 from collections.abc import Sequence

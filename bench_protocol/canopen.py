@@ -1,8 +1,8 @@
 """CANopen on the bench (CiA 301): the rig is one node, and every message is one of its PDOs, or its emergency.
 
-The messages keep their identifiers, whatever these would mean in the predefined connection set: the communication
-parameters of the PDOs state which node sends them. A message of the rig is the TPDO, one of the commander the RPDO,
-whose number follows from its identifier and never changes::
+The identifiers do not follow the predefined connection set; the communication parameters of the PDOs state the sending
+node. A message of the rig is a TPDO, a message of the commander an RPDO. The PDO number follows from the identifier and
+never changes::
 
     identifier   181h to 190h   281h to 290h   381h to 390h   481h to 490h
     TPDO           1 to 16       17 to 32       33 to 48       49 to 64
@@ -80,7 +80,7 @@ class ErrorBehaviour(IntEnum):
 
 
 def is_pdo(message: Message) -> bool:
-    """Return whether ``message`` is one of the PDOs: all are but the emergency message."""
+    """Return whether ``message`` is a PDO: all messages except the emergency message."""
     return message.protection is not Protection.NONE
 
 

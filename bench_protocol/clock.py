@@ -1,7 +1,7 @@
 """The one clock of the bench: whole nanoseconds and absolute deadlines, in real, scaled or virtual time.
 
-Nothing else imports ``time``. A deadline is always ``start + k * period``, never "now plus a period": a late
-wake-up then delays one cycle and not all that follow.
+No other module imports ``time``. A deadline is always ``start + k * period``, never "now plus a period". So a late
+wake-up delays only one cycle.
 """
 
 import contextlib
@@ -45,7 +45,7 @@ class Clock(Protocol):
         """Return at ``deadline`` (ns of this clock) or at once if it has passed."""
 
     def rest_until(self, first: int, last: int) -> None:
-        """Return at ``first`` (ns), or in virtual time at ``last``, or between them when something happens."""
+        """Return at ``first`` (ns). In virtual time, return at ``last``, or earlier if an event occurs."""
 
     def every(self, period: int, callback: Callable[[], None]) -> Task:
         """Call ``callback`` every ``period`` ns, the first time one period from now."""
@@ -192,7 +192,7 @@ def every_without_late(clock: Clock, period: int, callback: Callable[[], None]) 
 
 
 def wall_time_ns() -> int:
-    """Return the time of day (Unix epoch, ns): for CAN time stamps on the wire and nothing else."""
+    """Return the time of day (Unix epoch, ns). Used only for time stamps of CAN frames."""
     return time.time_ns()
 
 

@@ -109,7 +109,7 @@ def read_dbc(path: Path, charset: str | None = None) -> Dbc:
             text, database_format="dbc" if path.suffix.lower() == _DBC else None, strict=False
         )
     except Exception as error:  # cantools raises many kinds of errors
-        raise DbcError(f"{path} {_why(path, text, error)}") from None
+        raise DbcError(f"{path} {_reading_error(path, text, error)}") from None
     if not isinstance(base, cantools.database.can.Database):
         raise DbcError(
             f"{path} describes diagnostics instead of CAN messages; use a file with the messages of the bus"
@@ -162,10 +162,10 @@ def _decoded(path: Path, content: bytes, charset: str | None) -> tuple[str, str]
     )
 
 
-def _why(path: Path, text: str, error: Exception) -> str:
+def _reading_error(path: Path, text: str, error: Exception) -> str:
     """Return as text why cantools cannot read a file."""
-    told = str(getattr(error, "e_dbc", None) or error)
-    place = re.search(r"line (\d+), column (\d+)", told)
+    message = str(getattr(error, "e_dbc", None) or error)
+    place = re.search(r"line (\d+), column (\d+)", message)
     if place is None:
         return (
             "cannot be read as a DBC: a line refers to an item that the file does not define; export "
@@ -208,7 +208,7 @@ def _says_j1939(base: Any) -> bool:
 
 
 def _alike(one: Coding, other: Coding) -> bool:
-    """Return whether two descriptions of one name and identifier are equal."""
+    """Return whether two descriptions with the same name and identifier are equal."""
 
     def layout(coding: Coding) -> list[object]:
         return [

@@ -1,4 +1,4 @@
-"""Table rows for file formats: how a file is recognised, and which functions read and write it."""
+"""Table rows for file formats: detection of the format, and the functions that read and write it."""
 
 from __future__ import annotations
 

@@ -30,8 +30,9 @@ def source_of(identifier: int) -> int:
 def missing(raw: int, bits: int) -> Literal["", "not available", "error"]:
     """Return the meaning of the bits of an unsigned signal if they are not a value; "" if they are one.
 
-    SAE J1939-71, 5.1.4: for whole bytes the highest one decides (FE, FF), for twelve bits the highest eight. For two to
-    seven bits, ten, and so on, all ones mean not available, and one less an error. A single bit is always a value.
+    SAE J1939-71, 5.1.4: whole bytes are tested by the highest byte (FE, FF), twelve bits by the highest eight. For two
+    to seven bits, ten, and so on, all ones mean "not available", and all ones minus 1 means an error. A single bit is
+    always a value.
     """
     if bits < 2:
         return ""
@@ -101,11 +102,11 @@ class Reassembly:
 
     def _announced(self, time: int, channel: str, ends: tuple[int, int], data: bytes) -> None:
         key = channel, *ends
-        said = data[0] if len(data) == 8 else 0
-        if said == _ABORT:  # from either end
+        control = data[0] if len(data) == 8 else 0
+        if control == _ABORT:  # from either end
             for one in (key, (channel, ends[1], ends[0])):
                 self._give_up(one)
-        if said not in (_TO_SEND, _TO_ALL):
+        if control not in (_TO_SEND, _TO_ALL):
             return
         self._give_up(key)
         size, count = int.from_bytes(data[1:3], "little"), data[3]

@@ -1,8 +1,8 @@
 """Differences between the table of the drivers and the map of the connected rig.
 
-A bench runs if all commands, and all signals needed for safety, have the same meaning on both sides. A reading that
-the rig has elsewhere, in another scale, or not at all counts as missing, with the reason. Additional signals of the
-rig are ignored, as long as no frame of ours would carry them.
+A bench runs if all commands, and all signals needed for safety, have the same meaning on both sides. A reading that the
+rig has elsewhere, in another scale, or not at all counts as missing, with the reason. Additional signals of the rig are
+ignored unless they are in one of our frames.
 """
 
 from collections.abc import Mapping
@@ -116,7 +116,7 @@ def _by_signal(places: Places) -> dict[str, dict[str, str]]:
 
 
 def _move(here: Places, there: Places) -> str:
-    """Return the old and new places of a signal as text; "" if all places are equal, apart from choices."""
+    """Return the old and new places of a signal as text; "" if they differ at most in the choices."""
     left = [place for place in here if place not in there and not _is_choice(place)]
     come = [place for place in there if place not in here and not _is_choice(place)]
     if not left and not come:

@@ -1,4 +1,4 @@
-"""Error texts for a content that does not fit its schema: the key, its value and a valid one."""
+"""Error texts for content that violates its schema: the key, its value and a valid value."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ def converted(content: Any, kind: type[T]) -> T:
 
     msgspec reports one error at a time. The wrong key is therefore removed, and the conversion repeated.
     """
-    left, texts, gone = deepcopy(content), list[str](), set[str]()
+    left, texts, reported = deepcopy(content), list[str](), set[str]()
     for _ in range(_MOST):
         try:
             found = msgspec.convert(left, kind)
         except msgspec.ValidationError as error:
-            said, _, place = str(error).partition(" - at `$")
-            field = re.fullmatch("Object (contains unknown|missing required) field `(.*)`", said)
+            message, _, place = str(error).partition(" - at `$")
+            field = re.fullmatch("Object (contains unknown|missing required) field `(.*)`", message)
             way = [key for key, _, _ in _steps(place, left, kind)] + ([field[2]] if field else [])
-            if ".".join(way) not in gone:
+            if ".".join(way) not in reported:
                 texts.append(misfit(error, left, kind))
             if field and field[1] == "missing required":
                 way.pop()
-            gone.add(".".join(way))
+            reported.add(".".join(way))
             if not _removed(left, way):
                 break
         else:
@@ -73,20 +73,20 @@ def _removed(content: Any, way: Sequence[str]) -> bool:
 
 def misfit(error: Exception, content: object, kind: Any) -> str:
     """Return the error of msgspec for ``content``, which should be a ``kind``, as a plain text."""
-    said, _, place = str(error).partition(" - at `$")
+    message, _, place = str(error).partition(" - at `$")
     steps, name = _steps(place, content, kind), ""
     for key, _, _ in steps:
         name += key if key.startswith("[") or not name else f".{key}"
     _, value, form = steps[-1] if steps else ("", content, kind)
     form = _bare(form, value)
-    if found := re.fullmatch("Object (contains unknown|missing required) field `(.*)`", said):
+    if found := re.fullmatch("Object (contains unknown|missing required) field `(.*)`", message):
         whole = f"{name}.{found[2]}" if name else found[2]
         if found[1] == "missing required":
             return f"the key {whole} is missing; add it"
         return f"{whole} is not a key here; {did_you_mean(found[2], _fields(form))}"
-    if found := re.match(r"(?:Expected|Invalid) ", said):
-        return f"{name} = {value!r}; use {_right(said, form)}" if name else f"use {_right(said, form)}"
-    return f"{name}: {said}" if name and name not in said else said  # a sentence of our own schema
+    if found := re.match(r"(?:Expected|Invalid) ", message):
+        return f"{name} = {value!r}; use {_right(message, form)}" if name else f"use {_right(message, form)}"
+    return f"{name}: {message}" if name and name not in message else message  # a sentence of our own schema
 
 
 def _steps(place: str, content: Any, kind: Any) -> list[tuple[str, Any, Any]]:
@@ -120,9 +120,9 @@ def _bare(form: Any, value: Any) -> Any:
     while get_origin(form) is Annotated:
         form = get_args(form)[0]
     if get_origin(form) in (Union, UnionType):
-        wanted = [one for one in (_bare(one, value) for one in get_args(form)) if one is not type(None)]
-        tables = [one for one in wanted if bool(_fields(one)) == isinstance(value, Mapping)]
-        return (tables or wanted)[0] if len(tables or wanted) == 1 else form
+        members = [one for one in (_bare(one, value) for one in get_args(form)) if one is not type(None)]
+        tables = [one for one in members if bool(_fields(one)) == isinstance(value, Mapping)]
+        return (tables or members)[0] if len(tables or members) == 1 else form
     return form
 
 
@@ -131,13 +131,13 @@ def _fields(form: Any) -> dict[str, Any]:
     return {field.encode_name: field.type for field in msgspec.structs.fields(form)} if struct else {}
 
 
-def _right(said: str, form: Any) -> str:
+def _right(message: str, form: Any) -> str:
     words = _literals(form)
     if words:
         return " or ".join(words)
-    found = re.match(r"Expected `(.*?)`([^,]*)", said)
+    found = re.match(r"Expected `(.*?)`([^,]*)", message)
     if found is None:
-        return "a number" if "number" in said else "another value"
+        return "a number" if "number" in message else "another value"
     kinds = [one for one in found[1].split(" | ") if one != "null"]
     if "float" in kinds:
         kinds = [one for one in kinds if one != "int"]

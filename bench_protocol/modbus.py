@@ -287,17 +287,17 @@ def _read_file(body: bytes, bank: Bank) -> bytes:
     """Read file records (section 6.14): several parts of several files in one request."""
     if not body or not 7 <= body[0] <= 245 or body[0] % 7 or len(body) != 1 + body[0]:
         raise ModbusError(ILLEGAL_VALUE)
-    told = b""
+    records = b""
     for at in range(1, len(body), 7):
         reference, file, record, count = struct.unpack_from(">BHHH", body, at)
         if reference != _FILE_REFERENCE or file == 0 or record + count > _FILE_RECORDS:
             raise ModbusError(ILLEGAL_ADDRESS)
-        if not 1 <= count <= FILE_READ_MAX or len(told) + 2 + 2 * count > _FILE_BYTES_MAX:
+        if not 1 <= count <= FILE_READ_MAX or len(records) + 2 + 2 * count > _FILE_BYTES_MAX:
             raise ModbusError(ILLEGAL_VALUE)
-        told += struct.pack(
+        records += struct.pack(
             f">BB{count}H", 1 + 2 * count, _FILE_REFERENCE, *bank.read_file(file, record, count)
         )
-    return bytes((len(told),)) + told
+    return bytes((len(records),)) + records
 
 
 def _identification(body: bytes, bank: Bank) -> bytes:
@@ -306,16 +306,16 @@ def _identification(body: bytes, bank: Bank) -> bytes:
         raise ModbusError(ILLEGAL_FUNCTION)
     if len(body) != 3:
         raise ModbusError(ILLEGAL_VALUE)
-    access, wanted = body[1], body[2]
+    access, first = body[1], body[2]
     objects = bank.identification()
     if access == _INDIVIDUAL:
-        if wanted not in objects:
+        if first not in objects:
             raise ModbusError(ILLEGAL_ADDRESS)
-        numbers = [wanted]
+        numbers = [first]
     elif access in _LAST_OBJECT:
         known = sorted(number for number in objects if number <= _LAST_OBJECT[access])
         # A stream that starts at an object the device lacks starts at the beginning.
-        numbers = [number for number in known if number >= (wanted if wanted in known else 0)]
+        numbers = [number for number in known if number >= (first if first in known else 0)]
     else:
         raise ModbusError(ILLEGAL_VALUE)
     listed, sent = b"", 0

@@ -30,8 +30,8 @@ _NUMBER_BITS: Final = 8
 def no_value_codes(signal: Signal) -> dict[int, str]:
     """Return the raw values of ``signal`` that mean "no value", each with its name in the DBC.
 
-    For a number (a signal with unit, scale or offset, or with no other named values) these also include its named
-    values beyond its range and at an end of the range of its bits.
+    For a number, these also include named values beyond its range, and at an end of the range of its bits. A number is
+    a signal with unit, scale or offset, or without other named values.
     """
     if signal.conversion.is_float or not signal.choices:
         return {}

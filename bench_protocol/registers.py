@@ -1,17 +1,17 @@
 """The kinds of Modbus registers, and the addresses of the registers of a signal.
 
 Input registers carry the readings twice, as floats and as scaled twins, in blocks that one request each can read. The
-address of a reading's float (:attr:`Signal.address`) is its number in both, and among the discrete inputs that say
-whether it is available::
+number of a reading selects its float (:attr:`Signal.address`), its scaled twin, and the discrete input with its quality
+(available or not)::
 
     number      0     1     2   ...  end             62     63   ...  end
     float      100   102   104  ...  sequence       1100   1102  ...  sequence
     scaled     300   301   302  ...  sequence       1300   1301  ...  sequence
     quality    100   101   102  ...                  162    163  ...
 
-Each block lies between two copies of the sequence number of the sampling instant. A block without a reading does not
-exist. Registers never move: a reading that is added takes the number behind the old end, where the sequence number
-stays as well, so that a number without a reading means: here a block ended once (`free_address`).
+Each block lies between two copies of the sequence number of the sampling instant. A block without readings does not
+exist. Registers never move. A new reading gets the number after the old end of the block. The old sequence number
+remains in its place, so a number without a reading is a former end of the block (`free_address`).
 
 The holding register of a setting has its staged value. The input register `ACTIVE_BLOCK` behind it has the value in
 force.

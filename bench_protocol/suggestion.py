@@ -1,4 +1,4 @@
-"""Suggests the name that a user may have meant."""
+"""Suggestion of the known name that is nearest to a wrong one."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches

@@ -1,7 +1,6 @@
-"""The table of signals: every value that crosses the wires of the bench, once.
-
-CAN messages, Modbus registers, the DBC, the codecs, the map hash, the columns of records and the reference page are
-made from it; the attributes of the drivers are declared and checked against it.
+"""The table of signals: one row for every value on CAN and Modbus.  CAN messages, Modbus registers, the DBC, the
+codecs, the map hash, the columns of records and the reference page are generated from it. The attributes of the drivers
+are checked against it.
 """
 
 from typing import Final

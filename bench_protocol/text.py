@@ -26,8 +26,8 @@ class Unfit(ValueError):
 def decode(content: bytes, encoding: str = "") -> tuple[str, str]:
     """Return the text of a file without its mark, and the name of its encoding, which ``encoding`` fixes.
 
-    Without a mark it is UTF-16 if every other byte of plain letters is 0, else UTF-8, and content that is not UTF-8
-    counts as cp1252. Raises Unfit, to follow the file's name, for an unknown encoding and for content that is not text.
+    Without a mark the text is UTF-16 if every second byte of Latin letters is 0. Otherwise it is UTF-8 if valid, or
+    else cp1252. Raises Unfit, to follow the file's name, for an unknown encoding and for content that is not text.
     """
     if encoding:
         return _by_name(content, encoding), encoding

@@ -1,8 +1,7 @@
 """Units in common spellings, such as KN, µm, msec or N·m/°, and their factors to SI.
 
-Units libraries do not support this: the usual ones reject KN, read F/kN as a farad and take PSI for a
-peta-siemens-inch. A spelling is accepted if it has one meaning. If only the case of letters decides (mn: millinewton
-or meganewton), the unit is rejected.
+Common libraries for units reject KN, read F/kN as a farad, and PSI as a peta-siemens-inch. A spelling is accepted if it
+has one meaning. If only the case of letters decides (mn: millinewton or meganewton), the unit is rejected.
 """
 
 from __future__ import annotations
@@ -231,7 +230,7 @@ def _by_any_case(text: str) -> Unit | None:
 def _product(text: str) -> Unit:
     """Return a compound unit, such as N*m/(rad*Pa), m/s2, kg m-2 or 1/min.
 
-    If one part has the wrong case, as in mN/M, the case of the others is not trusted either.
+    If one part has the wrong case, as in mN/M, parts that depend on their case are rejected.
     """
     above, *below = re.sub(r"\s+per\s+", "/", text).split("/")
     parts = [

@@ -30,7 +30,7 @@ class _Rows(dict[str, int]):
 
 @dataclass(frozen=True)
 class Table:
-    """Everything that crosses the wires: the source of all codecs, maps and documents.
+    """All values on CAN and Modbus: the source of all codecs, maps and documents.
 
     Raises ValueError for an invalid table: names, identifiers or addresses that clash, fields or registers of unknown
     signals, ranges that do not fit in their bits, more than half of the bus load.
@@ -118,10 +118,9 @@ class Table:
 
     @cached_property
     def places(self) -> dict[str, str]:
-        """Return the place and coding of each signal on the wires: everything that two programs must agree on.
-
-        Names, bits, steps, addresses, encodings, protection, rates and the numbers of choices; not the order of the
-        rows, descriptions, ranges or the units that people read.
+        """Return the place and coding of each signal on the wires, which must be equal in rig and drivers.  These are
+        names, bits, steps, addresses, encodings, protection, rates and the numbers of choices. The order of rows,
+        descriptions, ranges and display units are not included.
         """
         found: dict[str, str] = {}
         for message in self.messages:

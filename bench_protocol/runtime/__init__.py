@@ -1,9 +1,9 @@
-"""Functions for processes with deadlines: compiled code that waits, sends and wakes, and functions of Linux.
+"""Functions for processes with deadlines: compiled waiting, sending and waking, and functions of Linux.
 
 `binding` compiles functions; `calls` lists the system calls that they may make, through `library`. `mutex`, `eventfd`,
-`ring` (of frames), `pacing` (of a tick) and `sending` (to a socket) use these. The other modules wrap Linux and state
-the replacement on other systems. Virtual time, reports, the diagnosis and the panel of records run on any system; a rig
-in real time needs Linux.
+`ring` (of frames), `pacing` (of a tick) and `sending` (to a socket) use these. The other modules wrap functions of
+Linux, and replace them on other systems. Virtual time, reports, the diagnosis and the panel of records run on any
+system; a rig in real time needs Linux.
 """
 
 import os

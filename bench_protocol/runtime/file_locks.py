@@ -1,4 +1,4 @@
-"""Locks on files that end with the process, however it ends."""
+"""File locks that the operating system releases when the process ends."""
 
 from typing import IO, Any
 

@@ -1,4 +1,4 @@
-"""Timing of the compiled tick: absolute deadlines in real time with a policy for late ticks, or no waiting at all."""
+"""Timing of the compiled tick: absolute deadlines and a policy for late ticks in real time, or no waiting."""
 
 from enum import IntEnum
 from typing import Any, Final, NamedTuple

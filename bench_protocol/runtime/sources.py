@@ -39,7 +39,7 @@ def digest_of(*modules: str) -> str | None:
 
 @cache
 def _meaning(module: str) -> bytes:
-    """Return the code of one module as bytes for a digest; many functions are compiled of the same modules."""
+    """Return the code of one module as bytes for a digest. Cached, because many functions use the same modules."""
     return repr((module, _without_documentation(_code(module)))).encode()
 
 
