@@ -119,8 +119,8 @@ class Fmu:
 
 
 def read_fmu(path: Path) -> Fmu:
-    """Return the description of the FMU in a file. Raises FmuError for a file that is no FMU, for another version or
-    kind, and for an FMU without a library for this system.
+    """Return the description of the FMU in a file. Raises FmuError for another file, version or kind, and for an FMU
+    without a library for this system.
     """
     fmpy = require_fmpy()
     with file_errors(f"the FMU {path}", FmuError):

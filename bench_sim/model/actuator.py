@@ -108,7 +108,7 @@ def hold_setpoint(mem: Any, j: int, value: float) -> None:
 
 @compiled
 def change_mode(x: Any, mem: Any, par: Any, j: int, mode: int) -> None:
-    """Change the control mode without a bump: force and speed stay, and the set-point starts at the present
+    """Change the control mode without a bump: force and speed do not change, and the set-point starts at the present
     position.
     """
     d, d_speed = bolster_point(x, par, j)

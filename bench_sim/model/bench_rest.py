@@ -36,7 +36,7 @@ def settle_bench(x: Any, mem: Any, par: Any, bellows: Any, height: Any, pressure
     """Place the bolster at these heights of the springs, with relaxed rubber and the gas at the wall temperature.
 
     ``bellows`` and ``height`` (m) and ``pressure`` (Pa absolute) have one value for each side. The commands of the
-    actuators are assumed constant for a long time before.
+    actuators are assumed to have been constant for a long time.
     """
     T = settled_temperature(par)
     x[State.BOLSTER_VERTICAL] = 0.5 * (height[0] + height[1])

@@ -81,7 +81,7 @@ def impose_motion(
     states: Any,
     rows: Any,
 ) -> None:
-    """Take ``steps`` steps with the bolster moved by ``motion``; a pipe divides them as in the kernel.
+    """Take ``steps`` steps with the bolster moved by ``motion``; with a pipe, steps are divided as in the kernel.
 
     Row k of ``rows`` (ALGEBRAICS) and ``states`` (STATES) is the instant before step k·every, up to the last row.
     """

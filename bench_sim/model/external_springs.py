@@ -2,8 +2,8 @@
 
 Once per communication step the library receives the motion of the springs, takes that step, and returns the forces at
 its end. The displacements at the end are predicted from position, speed and acceleration at the beginning, with an
-error of third order. Between the two ends the forces are interpolated linearly, and the rest of the bench is integrated
-under them in the same way as with built-in springs.
+error of third order. Between both instants the forces are interpolated linearly. The rest of the bench is integrated as
+with built-in springs.
 """
 
 from enum import IntEnum
@@ -152,7 +152,7 @@ _VALVES: Final = Input.DPV_CONNECTED + 1
 
 @compiled
 def know_outputs(e: Any) -> None:
-    """Convert the outputs to the known values at the end of the step."""
+    """Convert the outputs of the library to the known values at the end of the step."""
     for k in range(e.numbers[Slot.TAKES]):
         e.known[1, k] = e.take_scale[k, 0] * e.outputs[k] + e.take_scale[k, 1]
 

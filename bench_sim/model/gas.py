@@ -48,8 +48,8 @@ def mass_of(pressure: float, volume: float, T: float, R: float) -> float:
 def density_factor(density: float, known_density: float, known_factor: float, par: Any) -> float:
     """(ρ/ρ_ref)^n, with the assumed exponent of turbulent natural convection.
 
-    Within a step the density hardly differs from ``known_density`` at its start, and the series takes a fifth of the
-    time of the power.
+    Within a step the density is close to ``known_density`` at its start. So a series is exact enough, and takes a fifth
+    of the time of the power.
     """
     n = par.heat_density_exponent
     if abs(density - known_density) < 0.01 * known_density:

@@ -41,7 +41,7 @@ def derivative(t: float, x: Any, mem: Any, u: Any, par: Any, dx: Any) -> None:
 def begin_step(
     slope: Any, x: Any, mem: Any, u: Any, par: Any, given: Any, dt: float, dx: Any, out: Any, values: Any
 ) -> None:
-    """Do the actions of the bench once per step, and compute the slope at its start."""
+    """Carry out the actions of a step (`bench_sim.model.step_start`), and compute the slope at its start."""
     command_actuators(x, mem, u, par, dt)
     begin(slope, x, mem, u, par, given, dx, out)
     true_values(x, mem, par, out, values)

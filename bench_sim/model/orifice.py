@@ -73,7 +73,7 @@ def nozzle_flow(
 
 @compiled
 def iso_function(r: float, b: float, laminar: float) -> float:
-    """√(1 − ((r−b)/(1−b))²): 1 at and below the critical ratio ``b``, linear above ``laminar``."""
+    """Return √(1 − ((r−b)/(1−b))²): 1 up to the critical ratio ``b``, linear above ``laminar``."""
     s = (min(max(r, b), laminar) - b) / (1.0 - b)
     root = sqrt(1.0 - s * s)
     return root * (1.0 - r) / (1.0 - laminar) if r > laminar else root
@@ -130,7 +130,7 @@ def reynolds_factor(Re: float, k: float) -> float:
 
 @compiled
 def one_way(asymmetry: float, outward: float) -> float:
-    """Return the factor of the flow by the direction: an asymmetric orifice passes more air out of the bellows than
+    """Return the factor of the flow for its direction. An asymmetric orifice passes more air out of the bellows than
     into it.
     """
     return 1.0 + asymmetry * (1.0 if outward > 0.0 else -1.0)

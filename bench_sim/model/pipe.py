@@ -8,8 +8,8 @@ choked flow. The column moves as one piece, which is valid well below the quarte
 1.5 m). The air in it (3 litres) and its kinetic energy (some joules) are neglected, so that the chambers hold all mass
 and energy.
 
-G|G| has a slope of zero at rest: an orifice alone has an infinite slope from √Δp, but a pipe needs no laminar zone. The
-equation is stiff at high flow. The loss brings G to its balance at the rate
+At rest, G|G| has the slope 0, so a pipe needs no laminar zone. An orifice alone, with √Δp, has an infinite slope there.
+The equation is stiff at high flow. The loss brings G to its balance at the rate
 
     λ = 2 (A_p/L_p) Δp/G = 2 (A_p/L_p) √(R T_u) (1−r)/(C_d A ψ(r)),   r = p_down/p_up
 

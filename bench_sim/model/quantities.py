@@ -64,7 +64,7 @@ def _off(
     shape: tuple[int, ...] = (),
     lanes: Lanes = Lanes.UNKNOWN,
 ) -> tuple[Quantity, ...]:
-    """Return quantities that a sound bench does not have: missing in the parameter files, and set by an effect."""
+    """Return quantities of effects, which are switched off by default and not in the parameter files."""
     return tuple(Quantity(name, unit, shape, default, low, high, lanes) for name in names)
 
 

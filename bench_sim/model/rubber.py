@@ -167,10 +167,10 @@ def turn_friction(
 
     The stored level is F/F_max, not F, because the limit changes with pressure, and a stored force could exceed it.
 
-    In Berg's law every reversal begins a new curve and deletes the old one, so that a vibration of a nanometre would
-    change the later force by a tenth of the friction. Real rubber remembers: after a small loop, back over less than
-    the share ``friction_small_loop`` of x₂, the curve before it continues (Madelung 1905). At a share of 1/25 the force
-    then jumps by 1/580 of its limit from half of it. At a share of 0 every reversal begins a new curve.
+    In Berg's law every reversal begins a new curve and deletes the old one. A vibration of a nanometre would then
+    change the later force by a tenth of the friction. In real rubber the previous curve continues after a small loop
+    (Madelung 1905). A loop is small if its travel is less than the share ``friction_small_loop`` of x₂. At a share of
+    1/25 the force then jumps by 1/580 of its limit from half of it. At a share of 0 every reversal begins a new curve.
     """
     last = mem.friction_last[direction, side]
     if abs(position - last) < 1e-12:  # a rounding error is not a motion

@@ -1,4 +1,4 @@
-"""The classical Runge-Kutta method of fourth order, for every system that the air springs are part of.
+"""The classical Runge-Kutta method of fourth order, for every system with air springs.
 
 A system is a compiled right-hand side
 
@@ -25,7 +25,7 @@ _WITH_PIPE: Final = int(State.EXTRA_VERTICAL_DASHPOT)
 def integrated_states(par: Any) -> int:
     """Return the number of states, from the first one on, that are integrated with these parameters.
 
-    The states after them belong to missing parts: no term may read or write them.
+    The states after them belong to parts that are not fitted; no term may read or write them.
     """
     branches = 0
     while branches < EXTRA_BRANCHES and par.extra_branch_ratio[branches] != 0.0:

@@ -3,12 +3,12 @@
     V(ζ,y) = V₀ + A₀ζ + ½A₁ζ² − ½(κ₀+κ₁ζ) Y(y),   Y = y²/(1+(y/y_s)²)
     F_z = p_g ∂V/∂ζ − rubber,   F_y = p_g ∂V/∂y − rubber
 
-so the membrane does no work, and ∂F_z/∂y = ∂F_y/∂ζ at constant pressure. The emergency spring, a linear stack without
-mass, carries the same force: ζ = ζ_b − (F_z−P)/k_z, y = y_b − F_y/k_y. It is undeformed at the preload P of the load
-case. Newton's method solves this for the bellows' share (ζ_b, y_b); its time derivative gives the speed. A bellows that
-stretches, V + C_V (p − p_ref), does no work either, and its force is the same function of the pressure; p_ref is that
-of the load case. An effective area that grows with the gauge pressure, A_e + A_p (p_g − p_A), also stretches the wall.
-Force and volume follow from one potential Φ(ζ,y,p), F = ∂Φ/∂ζ and V = ∂Φ/∂p:
+Therefore the membrane does no work, and ∂F_z/∂y = ∂F_y/∂ζ at constant pressure. The emergency spring, a linear stack
+without mass, carries the same force: ζ = ζ_b − (F_z−P)/k_z, y = y_b − F_y/k_y. It is undeformed at the preload P of the
+load case. Newton's method solves this for the bellows' share (ζ_b, y_b); its time derivative gives the speed. A bellows
+that stretches, V + C_V (p − p_ref), does no work either, and its force is the same function of the pressure; p_ref is
+that of the load case. An effective area that grows with the gauge pressure, A_e + A_p (p_g − p_A), also stretches the
+wall. Force and volume follow from one potential Φ(ζ,y,p), F = ∂Φ/∂ζ and V = ∂Φ/∂p:
 
     Φ = … + A_p (p_g (p_g − p_A) ζ + (p_g − p_A)² h),   h = V₀/A₀
 

@@ -195,7 +195,7 @@ def switch_dpv(difference: float, mem: Any, par: Any) -> None:
     Except in the first step, it switches at an instant within the step. This instant is extrapolated linearly from
     ``difference`` at the start of the step (Pa) and its value one step before. The valve is open for the fraction
     ``dpv_share`` of the step. The flow then depends smoothly on all parameters, not on the start times of steps. A line
-    overshoots a peak, so the valve also opens at a peak that stays within a thousandth below its opening pressure.
+    overestimates a peak, so the valve also opens at a peak of at least 99.9 % of its opening pressure.
     """
     now = abs(difference)
     then = ahead(now, abs(mem.dpv_difference))

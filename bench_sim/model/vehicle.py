@@ -109,8 +109,8 @@ class Vehicle:
 
         Each spring keeps its air, at the initial temperature of its walls. The rubber is relaxed, friction holds no
         force, and the emergency spring has not crept further. Leveling valves do not act here; to include them, settle
-        the vehicle with `ride`. Raises ValueError where there is no equilibrium, or where the differential pressure
-        valve would open on the way.
+        the vehicle with `ride`. Raises ValueError if there is no equilibrium, or if the differential pressure valve
+        would open before it.
         """
         air = [
             float(self.state[State.BELLOWS_MASS + i] + self.state[State.AUXILIARY_MASS + i])

@@ -1,4 +1,4 @@
-"""The sensor of the measuring chain for each signal of the buses; both have the same numbers, which is checked here."""
+"""The sensor of the measuring chain for each signal of the buses; the import checks that both have the same numbers."""
 
 from itertools import zip_longest
 from typing import Final

@@ -97,7 +97,7 @@ class Parameters:
 
 
 def load(name: str | Path = "astb", load_case: str | None = None) -> Parameters:
-    """Read a parameter set or a model file: a name stands for a set in this package, anything else is a path.
+    """Read a parameter set of this package, by its name, or a parameter set or model file, by its path.
 
     Without ``load_case`` the first one of the file applies. Raises `ParameterError`, which names the file.
     """

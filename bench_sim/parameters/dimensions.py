@@ -1,4 +1,4 @@
-"""Dimensions of a rig as parameters of its simulation, and the other way round."""
+"""Conversion of the dimensions of a rig to parameters of its simulation, and back."""
 
 from collections.abc import Mapping
 from typing import Any, Final

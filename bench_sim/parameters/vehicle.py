@@ -1,4 +1,4 @@
-"""Parameters of a vehicle (`bench_sim.model.car.CAR`), read and refused like those of the plant."""
+"""Parameters of a vehicle (`bench_sim.model.car.CAR`), read and checked like those of the plant."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -42,7 +42,7 @@ class VehicleParameters:
 
 
 def load_vehicle(name: str | Path = "vehicle") -> VehicleParameters:
-    """Read a vehicle: a name stands for a file in this package, anything else is a path.
+    """Read a vehicle from a file of this package, by its name, or from a path.
 
     Raises `ParameterError`, which names the file.
     """

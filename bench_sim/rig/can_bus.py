@@ -60,7 +60,7 @@ class CanServer(Protocol):
 
 
 class CanBus:
-    """Passes frames between the rig and a server; an empty chain adds no work.
+    """Passes frames between the rig and a server; an empty chain costs no time.
 
     ``receive(block, peer)`` passes frames to the rig. ``now()`` is the time of the time stamps (ns). ``clock`` polls
     stages that keep frames every millisecond. Thread-safe.

@@ -91,8 +91,8 @@ class Capture(Stage):
 class CaptureFile:
     """Writes the frames of ``capture`` to ``path`` in its own thread, until ``close``.
 
-    At a named pipe it waits for a reader, and for the next one when that has left. ``complain(reason)`` is called if
-    the file can no longer be written. Raises OSError with a text if it cannot be opened.
+    At a named pipe it waits for a reader, and after each reader for the next one. ``complain(reason)`` is called if the
+    file can no longer be written. Raises OSError with a text if it cannot be opened.
     """
 
     def __init__(self, capture: Capture, path: Path, complain: Callable[[str], None]) -> None:
@@ -141,7 +141,7 @@ class CaptureFile:
         file.write(tap.end())
 
     def _when_read(self) -> BinaryIO | None:
-        """Return the named pipe as soon as a reader opens it, None if that does not happen before the end."""
+        """Return the named pipe when a reader opens it; None if no reader opens it before the end."""
         while not self._closing.is_set():
             with contextlib.suppress(OSError):
                 descriptor = os.open(self._path, os.O_WRONLY | os.O_NONBLOCK)

@@ -50,11 +50,11 @@ def contacts(supervisor: Supervisor, staged: Callable[[], bool]) -> Mapping[str,
     )
 
 
-def _of_every(kind: Kind, told: Mapping[str, Callable[[], bool]]) -> Mapping[str, Callable[[], bool]]:
-    """Return the functions ``told`` by the last part of the signal names. Raises ValueError unless there is one for
+def _of_every(kind: Kind, functions: Mapping[str, Callable[[], bool]]) -> Mapping[str, Callable[[], bool]]:
+    """Return ``functions``, by the last part of the signal names. Raises ValueError unless there is one for
     every signal of ``kind`` in the table.
     """
     names = {signal.attribute[1] for signal in TABLE.of_kind(kind)}
-    if different := names ^ told.keys():
+    if different := names ^ functions.keys():
         raise ValueError(f"table and rig differ in the {kind}s {', '.join(sorted(different))}")
-    return told
+    return functions

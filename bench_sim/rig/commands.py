@@ -109,8 +109,8 @@ def _follow(c: Any, signals: Any, values: Any, steering: Steering, changes: Any)
     """Apply the decoded samples of commands; changes of the control bits are added to ``changes``.
 
     A set-point acts while the bench is ACTIVE and the axis is in its mode; NaN means "as before". If one set-point is
-    out of range, its whole frame is refused, because sides that belong together must not move alone. The first
-    set-point for shut-in actuators waits for the supervisor, which engages them at their present position.
+    out of range, its whole frame is refused, because both sides must move together. The first set-point for shut-in
+    actuators waits for the supervisor, which engages them at their present position.
     """
     accepted_from = 0
     for k in range(signals.size):
@@ -181,8 +181,8 @@ class Incoming(NamedTuple):
 def _prove(c: Any, block: Any, sender: int, published: Any) -> None:
     """Make ``sender`` the commander if a Control message of its ``block`` carries the token.
 
-    Only the holder can know the token so far, because it was sent only on the holder's Modbus connection. From now on
-    every client of the bus can read it, but it is valid for this sender only.
+    Before this, only the holder has the token, from its Modbus connection. Afterwards every client of the bus can read
+    it, but it is valid for this sender only.
     """
     for k in range(block.size):
         record = block[k]

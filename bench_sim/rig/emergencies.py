@@ -21,7 +21,7 @@ _COMMUNICATION_CODES: Final = range(0x8100, 0x8200)
 
 
 class Emergencies:
-    """The active errors, and the last ones before.
+    """The active errors and the history of errors.
 
     Reasons with one code are one error: a commander that is late, lost or disconnected is missing in each case. It
     writes the emergency's signals in ``values`` (SI, by table row) and calls ``on_message`` to send them.
@@ -51,7 +51,7 @@ class Emergencies:
         self._publish(reason)
 
     def settle(self, reason: Reason) -> None:
-        """Note that the error of ``reason`` is over."""
+        """Store that the error of ``reason`` has ended."""
         error = EMERGENCY_CODES[reason], 0
         if error in self._active:
             self._active.remove(error)
@@ -59,7 +59,7 @@ class Emergencies:
                 self._publish(Reason.NONE)
 
     def clear(self) -> None:
-        """Note that all errors are over."""
+        """Store that all errors have ended."""
         if self._active:
             self._active.clear()
             self._publish(Reason.NONE)

@@ -35,8 +35,8 @@ class Ordered(NamedTuple):
 class Fittings:
     """The parts fitted to ``plant``, and the states in which they may be changed.
 
-    The parameter set may differ from the settings: a plate with a wrong bore stays until another one is ordered. So
-    only a change of the order changes the plant.
+    The parameter set may differ from the settings, for example by a plate with a wrong bore. So the plant changes only
+    if the settings change.
     """
 
     def __init__(

@@ -1,5 +1,4 @@
-"""The length of a classic CAN frame on the bus in bits: exact, with the stuff bits of its content, or the largest
-possible.
+"""The length of a classic CAN frame on the bus in bits: exact with its stuff bits, or the maximum.
 
 Source: ISO 11898-1. From the start of frame to the end of the CRC a stuff bit is inserted after five equal bits. CRC
 delimiter, acknowledgement, end of frame and intermission have no stuff bits.

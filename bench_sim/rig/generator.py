@@ -18,9 +18,9 @@ Wave = Mapping[str, float]
 class FunctionGenerator:
     """The program in the tick's ``controls``, started with the ``settings`` in force (SI, by name).
 
-    A program is the wave of the settings, or all waves that were added before: these start on one tick, each after its
-    delay, and are held, stopped and ended together. Or it is the ride of a car, which ``couplings`` connect to the
-    bench. ``lever`` is m per rad of a roll at the vertical actuators.
+    A program is the wave of the settings, or all added waves. Added waves start on one tick, each after its delay. They
+    are held, stopped and ended together. Or it is the ride of a car, which ``couplings`` connect to the bench.
+    ``lever`` is m per rad of a roll at the vertical actuators.
     """
 
     def __init__(

@@ -99,7 +99,7 @@ class InForce:
         wrong.
         """
         return any(
-            abs(self._asked(target) - self._measured(target)) > NEAR[self._mode(target)]
+            abs(self._commanded(target) - self._measured(target)) > NEAR[self._mode(target)]
             for target in _ACTUATORS
         )
 
@@ -111,7 +111,7 @@ class InForce:
     def _mode(self, target: Target) -> str:
         return CONTROL_MODES[int(self._controls["control"][target])]
 
-    def _asked(self, target: Target) -> float:
+    def _commanded(self, target: Target) -> float:
         return float(self._controls["setpoint"][target] + self._controls["offset"][target])
 
     def _measured(self, target: Target) -> float:

@@ -99,7 +99,7 @@ def _before(incident: Incident, first: str) -> list[str]:
 
 
 def _course(signal: Signal, past: npt.NDArray[np.int16], start: float, end: float, since: str) -> str:
-    """Return a sentence: the reading was still changing, or had been at its level for some time."""
+    """Return a sentence on the reading: still changing, or constant for some time."""
     away = np.abs(past - end) > _NEAR * abs(end - start)
     there = (past.size - 1 - np.flatnonzero(away)[-1]) / FAST_RATE if away.any() else 0.0
     if there >= 0.5:

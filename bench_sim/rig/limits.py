@@ -218,7 +218,7 @@ def _judge(c: Any, detector: Any, reading: float) -> float:
 def detect(c: Any, values: Any, detectors: Any) -> int:
     """Advance the limit detectors by one sample; return whether one of them has just tripped.
 
-    While a limit stays exceeded, its detector allows the reading to return in steps, but not to increase again.
+    While a limit is exceeded, the reading may return in steps. If it increases again, the detector trips again.
     """
     happened = Happened.NOTHING.value
     for row in range(detectors.size):

@@ -1,4 +1,4 @@
-"""The places of a server: a number of places for all clients, and one that is reserved for the holder of the bench."""
+"""The connection slots of a server: some for all clients, and one that is reserved for the holder of the bench."""
 
 from collections.abc import Callable, Iterator
 from typing import Final, Generic, TypeVar
@@ -18,7 +18,7 @@ class Places(Generic[C]):
     """The connections of one server: ``limit`` of them, and one for the holder, whom ``holds(peer)`` identifies.
 
     When all places are taken, one more client at a time is admitted on trial. It is dropped if it does not hold the
-    bench within 2 s. So other clients cannot block the commander.
+    bench within 2 s. Therefore other clients cannot block the commander.
     """
 
     def __init__(self, limit: int, holds: Holds | None = None) -> None:

@@ -153,14 +153,14 @@ class RegisterBank:
 
     def _float_rows(self, address: int, count: int) -> npt.NDArray[np.int64] | None:
         """Return the table rows of a range with only floats of readings, as in most requests; else None."""
-        asked = address, count
-        if asked not in self._plans:
+        span = address, count
+        if span not in self._plans:
             slots = self._spaces["input"].slots(address, count)
             plain = all(r.encoding == "float32" and r.signal in self._readings for r in slots)
             if len(self._plans) == _PLANS_MAX:
                 self._plans.clear()
-            self._plans[asked] = np.array([self.table.index[r.signal] for r in slots]) if plain else None
-        return self._plans[asked]
+            self._plans[span] = np.array([self.table.index[r.signal] for r in slots]) if plain else None
+        return self._plans[span]
 
     def _input(self, register: Register) -> list[int]:
         match register.signal:

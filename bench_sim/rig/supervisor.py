@@ -216,10 +216,9 @@ class Supervisor:
         return True
 
     def _hold_on(self, before: BenchState, event: Event) -> None:
-        """Set the hold of the actuators: shut-in actuators stay so until a client commands a position.
-
-        Therefore arming moves nothing, even while the springs are being vented or before the bolster is set down.
-        Resuming moves nothing either: an actuator that could not follow would jump to its set-point as soon as it can.
+        """Set the hold of the actuators: actuators stay shut in until a client commands a position.  Therefore arming
+        causes no motion, even while the springs are being vented or before the bolster is set down. Resuming causes no
+        motion either: otherwise an actuator that could not follow would jump to its set-point.
         """
         state, c = self.state, self._controls
         if state in ENGAGED:

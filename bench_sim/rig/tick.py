@@ -245,7 +245,7 @@ def _watch(c: Any) -> int:
 
 @compiled
 def _appointments(c: Any) -> int:
-    """Return which parts have an appointment in this tick: the state machine, the fault panel."""
+    """Return which parts are due in this tick: the state machine, the fault panel."""
     happened = Happened.NOTHING.value
     if c.tick == c.alarm:
         happened |= Happened.ALARM.value
@@ -297,7 +297,7 @@ def _send(values: Any, sending: Sending, rows: Any, time: int, out: Any, positio
 
 @compiled
 def _step(c: Any, plant: PlantArrays, scheme: tuple[int, int], work: Any, algebraic: Any, ideal: Any) -> int:
-    """Take a step; report failed external springs once, and again each time the bench is armed without them."""
+    """Take a step; report failed external springs once, and again at each arming of the bench."""
     x, u, mem, par = plant.state, plant.inputs, plant.memory[0], plant.parameters[0]
     if plant.external_springs.numbers[Slot.ON] == 0:
         step(x, mem, u, par, TICK, scheme, work, algebraic, ideal)

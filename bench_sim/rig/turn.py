@@ -1,4 +1,4 @@
-"""Changes the parameters of a running bench at one instant; its state stays."""
+"""Change of the parameters of a running bench at one instant, without a change of its state."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
@@ -67,7 +67,8 @@ def differing(before: Any, after: Any) -> list[str]:
 def turn(rig: "Rig", at: float, names: list[str], after: Any) -> None:
     """Set the parameters ``names`` to those of the record ``after`` from ``at`` s of the rig's time on.
 
-    Active faults stay on top of them. Raises RuntimeError for parameters of springs that an FMU computes.
+    Active faults continue to change the new parameters. Raises RuntimeError for parameters of springs that an FMU
+    computes.
     """
     points = rig.faults.points
     points.parameters.own(names)

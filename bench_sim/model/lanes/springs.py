@@ -363,8 +363,8 @@ def integrate_lanes(
 def integrate_springs(springs: Sequence[LaneSpring]) -> list[NDArray[np.float64]]:
     """Return the trace (rows, TRACE) of each of at most LANES springs with equal step; other threads run meanwhile.
 
-    Unused lanes repeat the last spring. A spring that is too stiff for a step longer than that of a replay gets a trace
-    of NaN: near the stability limit its values stay finite, but the gas has an unphysical oscillation.
+    Unused lanes repeat the last spring. A spring that is too stiff for a long step gets a trace of NaN. Near the
+    stability limit its values are finite, but the gas oscillates unphysically.
     """
     _check(springs, len(springs), LANES, "springs")
     return _integrate([*springs, *[springs[-1]] * (LANES - len(springs))], joined=False)[: len(springs)]

@@ -130,8 +130,8 @@ class ModbusFilter:
         def faulty(request: bytes, peer: str) -> bytes:
             faults = self._faults
             for fault in faults:
-                if (said := fault.instead(request)) is not None:
-                    return said
+                if (replacement := fault.instead(request)) is not None:
+                    return replacement
             response = answer(request, peer)
             for fault in faults:
                 response = fault.altered(request, response)

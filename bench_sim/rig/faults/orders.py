@@ -57,11 +57,11 @@ def as_json(fault: Fault) -> dict[str, Any]:
         "place": fault.place.value,
         "title": fault.title,
         "seen": fault.seen,
-        "parameters": [_asked(one) for one in fault.parameters],
+        "parameters": [_parameter_facts(one) for one in fault.parameters],
     }
 
 
-def _asked(one: FaultNumber | FaultChoice) -> dict[str, Any]:
+def _parameter_facts(one: FaultNumber | FaultChoice) -> dict[str, Any]:
     """Return the facts of a parameter: its ``choices``, or for a number of a sensor the range for each sensor."""
     found = {"name": one.name, "span": one.span.replace("`", ""), "usual": one.usual, "text": one.text}
     if isinstance(one, FaultChoice):

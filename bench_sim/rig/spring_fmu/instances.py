@@ -41,9 +41,7 @@ _FREQUENCY: Final = 2.0
 
 
 def shared(path: Path, coupling: Coupling, *, create: bool = False) -> ExternalSprings:
-    """Return the arrays in the file ``path``; with ``create`` write the values that are known before an instance
-    exists.
-    """
+    """Return the arrays in the file ``path``; with ``create``, initialize them with the values known in advance."""
     shapes = layout(*coupling.sizes)
     sizes = [int(np.prod(shape)) * np.dtype(kind).itemsize for shape, kind in shapes]
     starts = np.concatenate(([0], np.cumsum([-(-size // 64) * 64 for size in sizes])))

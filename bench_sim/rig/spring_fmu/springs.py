@@ -62,7 +62,7 @@ class Budget:
 
     @property
     def on_average(self) -> bool:
-        """Whether the rig catches up after late ticks."""
+        """Whether the mean duration of a step lets the rig catch up after late ticks."""
         return self.median <= _OF_ALL * self.step
 
     def __str__(self) -> str:

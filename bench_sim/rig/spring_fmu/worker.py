@@ -1,6 +1,6 @@
 """The worker process of a spring FMU: it initializes the FMU, then takes a communication step at each request.
 
-The present call is in memory that the rig shares, so the rig knows it after a crash.
+The present call is in shared memory, so the rig can report it after a crash.
 """
 
 from __future__ import annotations
