@@ -1,8 +1,5 @@
-"""Compile what would be compiled when it is first used: python -m tools.compile_model.
-
-The rig's tick and the cycle of a commander take half a minute, what a diagnosis replays and a bench that is moved
-without a rig as long again. Nothing waits for it later: not a rig that has to keep time, nor the first diagnosis, nor
-two processes of tests, each of which would compile the same. Two processes share the work.
+"""Compile the model in advance, in two processes: python -m tools.compile_model.  Otherwise each function is compiled
+at its first use. This would delay the first rig, the first diagnosis and each process of the tests.
 """
 
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -21,7 +18,7 @@ GAUGE: Final = 2e5
 
 
 def compile_rig() -> None:
-    """Build a rig in memory, which compiles its tick and that of virtual time, and load the cycle."""
+    """Compile the tick of a rig, in real and virtual time, and the cycle of a commander."""
     from astb.rig_file import Simulation
     from astb.rig_in_memory import RigInMemory
     from astb.session import build_rig
@@ -31,7 +28,7 @@ def compile_rig() -> None:
 
 
 def compile_diagnosis() -> None:
-    """Diagnose a few seconds of a bench that is sound."""
+    """Compile the replay of a diagnosis, with a few seconds of an unmodified bench."""
     from bench_sim.model.effects import CATALOGUE
     from bench_sim.parameters import load
     from diagnosis.contracts import Dataset, Experiment, MeasuredRun
@@ -55,7 +52,7 @@ def compile_diagnosis() -> None:
 
 
 def compile_plant() -> None:
-    """Step a bench and move it, as the study of the paper and many tests do."""
+    """Compile the plant and imposed motions, as for the study of the paper and many tests."""
     from bench_sim.model.experiments import VERTICAL, ImposedMotion, impose
     from bench_sim.model.plant import STEP, Plant
     from bench_sim.parameters import load
@@ -67,7 +64,7 @@ def compile_plant() -> None:
 
 
 def main() -> None:
-    """Compile the parts in two processes, and show how far it is: a line for each part, a clock on a terminal."""
+    """Compile the parts in two processes, and print a line for each part, with a clock on a terminal."""
     parts = {
         "what a diagnosis replays": compile_diagnosis,
         "the rig's tick": compile_rig,

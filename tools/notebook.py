@@ -1,7 +1,7 @@
 """Run the notebooks of the tutorials and store their outputs: python -m tools.notebook [--into FOLDER].
 
-Each runs in a new folder by the interpreter that runs this. A stored notebook has its outputs, and nothing that differs
-between two runs of the same code. ``--into`` leaves the notebooks of the repository as they are.
+Each notebook runs in a new folder, with the present interpreter. The stored notebook contains only outputs that are
+equal in all runs of the same code. ``--into`` leaves the notebooks of the repository as they are.
 """
 
 import argparse
@@ -19,7 +19,7 @@ NOISE: Final = "stderr"
 
 
 def run(source: Path, target: Path) -> None:
-    """Run the notebook ``source`` and write it with its outputs to ``target``; nbclient's error if a cell fails."""
+    """Run the notebook ``source`` and write it with outputs to ``target``. Raises nbclient's error if a cell fails."""
     with tempfile.TemporaryDirectory() as folder:
         # What this user has installed for Jupyter, other kernels of the same name among it, is left out.
         for name in (

@@ -18,7 +18,7 @@ BAR, MM = 1e5, 1e-3
 
 
 def half_loops(simulator, dataset) -> tuple[list[float], list[float]]:
-    """Mean pressure in bar and half the distance between in-stroke and out-stroke in N, of each run."""
+    """Return the mean pressure (bar) and half the force difference between in-stroke and out-stroke (N) of each run."""
     pressures, halves = [], []
     for run in dataset.runs:
         left = (run.outputs - simulator.run(run.experiment, {}, {}))[:, 0]

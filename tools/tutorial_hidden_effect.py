@@ -43,7 +43,7 @@ def files(page: str) -> dict[str, str]:
 
 
 def commands(page: str) -> list[list[str]]:
-    """Return the arguments of every `astb` that the page types."""
+    """Return the arguments of every `astb` command on the page."""
     blocks = re.findall(r"```sh\n(.*?)```", page, flags=re.DOTALL)
     lines = [line for block in blocks for line in block.splitlines()]
     return [shlex.split(line)[1:] for line in lines if line.startswith(".venv/bin/astb ")]
@@ -116,7 +116,7 @@ def _last_check(result: Any) -> str:
 
 
 def _lost(result: Any) -> tuple[str, str]:
-    """Loss of air in a minute, left and right, in percent."""
+    """Return the air loss per minute (%), left and right."""
     lost = [100 * c["value"] for c in result["checks"] if c["name"].startswith("air lost")]
     return tuple(f"{value:.2f}".replace("-", "\u2212").replace("\u22120.00", "0.00") for value in lost)
 
@@ -183,7 +183,7 @@ FIGURES: list[tuple[str, Callable[[Results], tuple[str, ...]]]] = [
 
 
 def with_figures(page: str, results: Results) -> str:
-    """Return the page with every figure as the ``results`` have it."""
+    """Return the page with all figures replaced by those of the ``results``."""
     for pattern, of in FIGURES:
         (match,) = re.finditer(pattern, page)
         for group, text in reversed(list(enumerate(of(results), 1))):

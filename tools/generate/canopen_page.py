@@ -1,4 +1,4 @@
-"""The reference page of the rig as a CANopen node: its plan of identifiers, its services, its objects."""
+"""The reference page of the rig as a CANopen node: its identifiers, services and objects."""
 
 import io
 from typing import Final, TextIO

@@ -98,6 +98,6 @@ def _protection(row: Message) -> list[DbcSignal]:
 
 
 def _short(value: float) -> float | int:
-    """Return ``value`` without the rounding error of a division, as an integer where it is one."""
+    """Return ``value`` without the rounding error of a division; an integer if it has no fraction."""
     rounded = float(f"{value:.10g}")
     return int(rounded) if rounded == int(rounded) else rounded

@@ -1,4 +1,4 @@
-"""The reference page of faults on purpose, written from their declarations."""
+"""The reference page of simulated faults, generated from their declarations."""
 
 import io
 from typing import Final

@@ -53,7 +53,7 @@ _SEVERAL: Final = 3
 
 
 def modbus_csv() -> str:
-    """Return the Modbus map as CSV: 0-based addresses and 1-based numbers, both."""
+    """Return the Modbus map as CSV, with 0-based addresses and 1-based numbers."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(
@@ -105,7 +105,7 @@ def kept_map_csv() -> str:
 
 
 def signals_page() -> str:
-    """Return the reference page of everything that crosses the wires."""
+    """Return the reference page of the signals on CAN and Modbus."""
     out = io.StringIO()
     print(_NOTE, file=out)
     print("# The signals of the bench\n", file=out)

@@ -1,4 +1,4 @@
-"""The instruments of the virtual bench: what their file lacks comes from the rows of the groups of sensors."""
+"""The file of instruments of the virtual bench, completed from the rows of the groups of sensors."""
 
 import tomllib
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ _LIST: Final = "# Which piece gives which reading"
 
 
 def instruments_file() -> str:
-    """Return the file with a table for each instrument and a line for each measurement; nothing in it changes."""
+    """Return the file with the missing tables of instruments and lines of measurements added; existing lines stay."""
     text = INSTRUMENTS_FILE.read_text(encoding="utf-8")
     known = tomllib.loads(text)
     tables = [_table(row) for row in _rows_without_table(known)]
@@ -28,7 +28,7 @@ def instruments_file() -> str:
 
 
 def lacking_instruments() -> list[str]:
-    """Return what the file lacks, each with the group whose row gives it."""
+    """Return the missing entries of the file, each with its group of sensors."""
     known = tomllib.loads(INSTRUMENTS_FILE.read_text(encoding="utf-8"))
     lacks = [(f"instrument.{row.instrument}", row) for row in _rows_without_table(known)]
     lacks += [

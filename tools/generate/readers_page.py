@@ -1,4 +1,4 @@
-"""The reference page of the readers, from the tables in ``tools/generate/readers`` that the tests go through."""
+"""The reference page of the readers, from the tables in ``tools/generate/readers``, which the tests also use."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ This page lists the forms of files that `astb import` and maps accept or refuse.
 
 
 class Form(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One form in which a file may come: ``name`` is that of its test, ``form`` and ``says`` are for people."""
+    """One variant of a file: ``name`` is the name of its test; ``form`` and ``says`` are texts for the page."""
 
     reader: str
     name: str
@@ -52,7 +52,7 @@ def table(name: str) -> Table:
 
 
 def readers_page() -> str:
-    """Return the page: a section for each table, a list of forms for each reader."""
+    """Return the page, with a section for each table and a list of variants for each reader."""
     out = io.StringIO()
     print(_HEAD, file=out)
     for path in sorted(_TABLES.glob("*.toml")):
