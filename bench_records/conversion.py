@@ -37,7 +37,9 @@ def recover(directory: Path | str) -> Recovery:
     """
     stream = Path(directory) / STREAM
     if not stream.is_file():
-        raise RecordError(f"{directory} holds no {STREAM}, so it cannot be recovered")
+        raise RecordError(
+            f"{directory} holds no {STREAM} to recover; use the folder of a run that was killed"
+        )
     refuse_held(stream.parent)
     give_room(stream.parent)  # reserved by the killed run
     return convert(stream, {}, recovering=True)

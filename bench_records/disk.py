@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
-from bench_protocol.os_errors import error_text
+from bench_protocol.os_errors import reason
 from bench_protocol.runtime.room import reserve
 from bench_records.layout import RecordError
 
@@ -38,11 +38,9 @@ class NotKept(RecordError):
 
 
 def disk_reason(error: BaseException) -> str:
-    """Return the reason of a disk error as text."""
-    number = getattr(error, "errno", None)
-    if number in REFUSALS:
-        return REFUSALS[number]
-    return error_text(error)
+    """Return the reason of a disk error as text, with a remedy."""
+    text = REFUSALS.get(getattr(error, "errno", None) or 0)
+    return f"{text}; free or repair this disk, or use a folder on another one" if text else reason(error)
 
 
 def of_the_disk(error: BaseException) -> bool:
@@ -69,9 +67,9 @@ def begun(path: Path, what: str = "") -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        kind = NotKept if of_the_disk(error) else RecordError
-        reason = disk_reason(error) if kind is NotKept else error.strerror
-        raise kind(f"{what or path} cannot be written: {reason}") from error
+        refused = of_the_disk(error)
+        text = f"{what or path} cannot be written: {disk_reason(error) if refused else reason(error)}"
+        raise (NotKept if refused else RecordError)(text) from error
 
 
 def keep_room(directory: Path) -> None:
@@ -85,8 +83,7 @@ def keep_room(directory: Path) -> None:
             return
         give_room(directory)
         raise NotKept(
-            f"{directory} has no space for the result of a run, {ROOM >> 20} MiB: {disk_reason(error)}; "
-            "free disk space, or use another folder"
+            f"{directory} has no space for the result of a run, {ROOM >> 20} MiB: {disk_reason(error)}"
         ) from error
 
 

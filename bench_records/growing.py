@@ -33,7 +33,7 @@ class GrowingRecord(Record):
     def __init__(self, directory: Path | str) -> None:
         stream = Path(directory) / STREAM
         if not is_held(stream.parent):
-            raise RecordError(f"no run is writing into {directory}")
+            raise RecordError(f"no run is writing into {directory}; use the folder of a run in progress")
         facts = read_head(stream)
         signals, self._begun = facts.pop("signals"), facts.pop("start_ns")
         super().__init__(stream, None, {**facts, "start_ns": self._begun or 0}, signals, [])

@@ -71,7 +71,8 @@ def write_pdf(page: Path) -> Path:
         if not new.is_file():
             lines = done.stderr.strip().splitlines()
             raise RecordError(
-                f"{program} did not print {page}: {lines[-1] if lines else f'exit {done.returncode}'}"
+                f"{program} did not print {page}: {lines[-1] if lines else f'exit {done.returncode}'}; "
+                "print the page with another browser"
             )
         with kept(target):
             shutil.copyfile(new, target)

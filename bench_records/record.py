@@ -159,10 +159,14 @@ def read(directory: Path | str) -> Record:
                 if key.startswith(PREFIX.encode())
             }
             if ours.get(PREFIX + "format") != encode(FORMAT):
-                raise RecordError(f"{path} is a Parquet file, but not a record of this bench ({FORMAT})")
+                raise RecordError(
+                    f"{path} is a Parquet file, but not in the format {FORMAT}; read it with `astb import`"
+                )
             table = file.read(columns=["time_ns", "signal", "value"])
     except (pa.ArrowException, OSError) as error:
-        raise RecordError(f"{path} is damaged, or is not a Parquet file: {error}") from error
+        raise RecordError(
+            f"{path} is damaged, or is not a Parquet file ({error}); use a copy, or repeat the run"
+        ) from error
     facts = {key.removeprefix(PREFIX): value for key, value in ours.items()}
     with metadata_errors(path):
         meta = {

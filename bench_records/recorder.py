@@ -180,7 +180,7 @@ class Recorder:
             encode(event)
         except (TypeError, ValueError) as error:
             raise RecordError(
-                f"event {kind} ({text}): its data cannot be written as JSON: {error}"
+                f"event {kind} ({text}): its data cannot be written as JSON: {error}; use texts, numbers and lists"
             ) from error
         with self._lock:
             self._refuse_if_unwritable()

@@ -363,7 +363,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
             return msgspec.json.decode(data, type=Result)
         except (msgspec.MsgspecError, RecursionError, UnicodeError) as error:
             raise RecordError(
-                f"this is not a result of a test plan: {str(error)[:200]}; use the result.json of a run"
+                f"the content is not that of a result.json: {str(error)[:200]}; use the file of a run"
             ) from error
 
     def write(self, directory: Path | str) -> Path:

@@ -128,14 +128,16 @@ def _opened(source: Any, stream: Path) -> Any:
         return pa.ipc.open_stream(source)
     except (pa.ArrowException, OSError) as error:
         raise RecordError(
-            f"{stream} ends before its first sample, or is not an Arrow stream: {error}"
+            f"{stream} ends before its first sample, or is not an Arrow stream ({error}); repeat the run"
         ) from error
 
 
 def _facts(schema: pa.Schema, stream: Path) -> dict[str, Any]:
     raw = {key.decode(errors="replace"): value for key, value in (schema.metadata or {}).items()}
     if raw.get(PREFIX + "format") != encode(FORMAT):
-        raise RecordError(f"{stream} is an Arrow stream, but not one of this recorder's ({FORMAT})")
+        raise RecordError(
+            f"{stream} is an Arrow stream, but not in the format {FORMAT}; use a run of this version"
+        )
     with metadata_errors(stream):
         facts = {key.removeprefix(PREFIX): msgspec.json.decode(value) for key, value in raw.items()}
         del facts["format"]
@@ -150,7 +152,9 @@ def metadata_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except (msgspec.MsgspecError, KeyError, UnicodeError, RecursionError):
-        raise RecordError(f"{path} is damaged: the data of its run cannot be read") from None
+        raise RecordError(
+            f"{path} is damaged: the data of its run cannot be read; use a copy, or repeat the run"
+        ) from None
 
 
 def _span(start_ns: int | None, table: pa.Table, events: list[RecordedEvent]) -> tuple[int, int]:

@@ -186,8 +186,7 @@ def _write(table: "pa.Table", path: Path) -> None:
             os.fsync(folder)
     except OSError as error:
         raise KeptFailed(
-            f"no more rows can be written to {path.parent}: {disk_reason(error)}; correct this, "
-            "and run the same command again"
+            f"no more rows can be written to {path.parent}: {disk_reason(error)}; then run the same command again"
         ) from None
 
 

@@ -131,9 +131,9 @@ def _from_numbers(values: Any, factor: float, unit: str, account: Account, where
         check_times(seconds[known])
     except Unfit:
         better = [name for name in ("ms", "us", "ns") if 3.1e8 <= begin * UNITS[name].factor < 2.9e9]
-        hint = f'; if these are Unix times, give time.unit = "{better[0]}"' if better else ""
+        hint = f'if these are Unix times, give time.unit = "{better[0]}"' if better else "correct time.unit"
         raise RecordError(
-            f"{where}: {begin:.17g} {unit} in {sheet.at(int(known[0]))} is not a valid time of a record{hint}"
+            f"{where}: {begin:.17g} {unit} in {sheet.at(int(known[0]))} is not a valid time of a record; {hint}"
         ) from None
     return Clock(seconds)
 
@@ -152,11 +152,9 @@ def _from_text(sheet: Sheet, index: int, keys: FileKeys, account: Account, where
     try:
         found = read_stamps(cells, keys.dates)
     except NotAStamp as error:
-        hint = f": {error.hint}" if error.hint else ""
+        what = "is not a time like those before it" if error.index else "is not a time"
         raise RecordError(
-            f'{where}: "{cells[error.index]}" in {sheet.at(error.index)} is not a time like those before it{hint}'
-            if error.index
-            else f'{where}: "{cells[0]}" in {sheet.at(0)} is not a time{hint}'
+            f'{where}: "{cells[error.index]}" in {sheet.at(error.index)} {what}: {error.hint}'
         ) from None
     for sentence in found.remarks:
         account.take(sentence)

@@ -158,7 +158,9 @@ def _column(path: Path, field: pa.Field, data: pa.ChunkedArray) -> Column:
             cells, there = _ns(data, pa.duration("ns"))
             return Column(field.name, "span", cells, there=there)
     except pa.ArrowException:
-        raise RecordError(f"{path}: the column {field.name} has a value that a record cannot hold") from None
+        raise RecordError(
+            f"{path}: the column {field.name} has a value beyond the range of a record; convert it to numbers"
+        ) from None
     return Column(field.name, "other", None, what=f"values of the kind {kind}")
 
 

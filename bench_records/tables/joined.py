@@ -94,7 +94,6 @@ def _of_text(sheet: Sheet, column: Column, keys: FileKeys, where: str) -> Stamps
     try:
         return read_stamps(cells, keys.dates)
     except NotAStamp as error:
-        hint = error.hint or _RIGHT
         raise RecordError(
-            f'{where}: "{cells[error.index]}" in {sheet.at(error.index)}, {column.name}: {hint}'
+            f'{where}: "{cells[error.index]}" in {sheet.at(error.index)}, {column.name}: {error.hint}'
         ) from None

@@ -113,9 +113,9 @@ def numbers(
 def _no_number(sheet: Sheet, index: int, at: int, source: Source, where: str) -> str:
     cell = str(sheet.columns[index].cells[at])[:40]
     keys = (
-        "file.delimiter, file.decimal or thousands may be wrong"
+        "correct file.delimiter, file.decimal or thousands"
         if sheet.delimiter
-        else "this is a column of text; choose a column of numbers"
+        else "choose a column of numbers"
     )
     return f'{where}: "{cell}" in {sheet.at(at)} is not a number; {keys}'
 

@@ -49,7 +49,7 @@ class Series(NamedTuple):
 def format_of(path: Path, keys: FileKeys) -> FileForm:
     """Return the form of a table. Raises RecordError if there is no file, or if its suffix is unknown."""
     if not path.is_file():
-        raise RecordError(f"{path}: no such file")
+        raise RecordError(f"{path} does not exist; check the path")
     named = [one for one in FORMS if one.name == keys.format]
     form = named[0] if named else None if keys.format else form_of(path, FORMS)
     if form is None or (form.read is None and form is not MDF):
@@ -207,7 +207,9 @@ def _series(
     known = np.isfinite(clock.seconds)
     lost = ~known & np.isfinite(values)
     if lost.any():
-        raise RecordError(f"{clock_where}: {sheet.at(int(np.argmax(lost)))} has a value, but no time")
+        raise RecordError(
+            f"{clock_where}: {sheet.at(int(np.argmax(lost)))} has a value, but no time; add the time, or remove the row"
+        )
     return Series(
         column.name,
         clock.seconds[known],

@@ -54,7 +54,7 @@ class Stamps(NamedTuple):
 class NotAStamp(Exception):
     """A cell that is not a time stamp: its index, and a hint for the message."""
 
-    def __init__(self, index: int, hint: str = "") -> None:
+    def __init__(self, index: int, hint: str = "write times as hh:mm:ss, dates as 2026-03-19") -> None:
         super().__init__(index, hint)
         self.index, self.hint = index, hint
 
@@ -109,7 +109,7 @@ def read_stamps(cells: Sequence[str | None], dates: Literal["dmy", "mdy"] | None
             raise NotAStamp(index)
         of_day = _time(found, index) if found["h"] else 0
         if of_day > DAY or (found["h"] and not found["s"] and (found["f"] or found["ms"])):
-            raise NotAStamp(index, "write times as hh:mm:ss")
+            raise NotAStamp(index)
         offset = _zone(found["zone"])
         zones.add(offset is None)
         parts[index] = _digits(found)
@@ -230,7 +230,7 @@ class _Days:
             try:
                 self._known[text] = self._days(found, text)
             except (ValueError, KeyError):
-                raise NotAStamp(index, "there is no such day in the calendar") from None
+                raise NotAStamp(index, "there is no such day in the calendar; correct the date") from None
         return self._known[text]
 
     def _days(self, found: re.Match[str], text: str) -> int:

@@ -249,8 +249,8 @@ class _Rows:
         (self.below if self.numbers else self.above).append((line, row))
         if len(self.above) > _LOOKED_AT:
             raise RecordError(
-                f"{self.path}: there are no rows of numbers below line {self.start}; file.delimiter or file.skip_rows "
-                "may be wrong"
+                f"{self.path}: there are no rows of numbers below line {self.start}; correct file.delimiter or "
+                "file.skip_rows"
             )
         return False
 
@@ -264,11 +264,10 @@ class _Rows:
         )
 
     def _wrong_width(self, line: int, row: list[str]) -> str:
-        text = f"{self.path}: line {line} has {len(row)} cells and the head {self.width}"
-        if not self.head:
-            text = f"{self.path}: line {line} has {len(row)} cells and those before it {self.width}"
+        other = "the head has" if self.head else "those before it have"
         return (
-            f'{text}; the delimiter is "{self.delimiter}" (file.delimiter) and must not occur within a number'
+            f"{self.path}: line {line} has {len(row)} cells, but {other} {self.width}; correct the line, or "
+            f'file.delimiter, now "{self.delimiter}"'
         )
 
     def _text_between(self) -> str:
