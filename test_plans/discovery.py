@@ -103,7 +103,7 @@ def _modules(wrong: list[str]) -> Iterator[ModuleType]:
         try:
             yield import_module(name)
         except (Exception, SystemExit) as error:
-            wrong.append(f"{name} cannot be imported: {type(error).__name__}: {error}")
+            wrong.append(f"{name} cannot be imported: {type(error).__name__}: {error}; repair or remove it")
     if folder := os.environ.get(FOLDER):
         if not Path(folder).is_dir():
             wrong.append(f"{FOLDER} = {folder} is no folder; name the folder of your plans")

@@ -368,7 +368,7 @@ def _silent(bench: Bench) -> str:
         for signal in MEASUREMENTS
         if not bench.lacks(signal.name) and isnan(bench.readings.value_or_nan(signal.name))
     ]
-    return f"; no samples arrive of {', '.join(silent)}" if silent else ""
+    return f"; no samples arrive of {', '.join(silent)}" if silent else "; repeat the run"
 
 
 def _place(error: BaseException, plan: Plan) -> str:

@@ -68,11 +68,14 @@ class Operator(Protocol):
         """Remove the question, which was answered or timed out."""
 
 
+_NOBODY: Final = "there is no operator to ask; use a terminal, the panel or --answers FILE"
+
+
 class NoOperator:
     """An operator that answers no question."""
 
     def ask(self, question: Question) -> None:
-        raise Unanswered("there is no operator to ask")
+        raise Unanswered(_NOBODY)
 
     def answer(self) -> Answer | None:
         return None
@@ -103,7 +106,7 @@ class Script:
                     _allowed(question, reply(question) if callable(reply) else reply), self._by
                 )
                 return
-        raise Unanswered(f"{self._by} has no answer to this question")
+        raise Unanswered(f"{self._by} has no answer to this question; add one")
 
     def answer(self) -> Answer | None:
         return self._answer
@@ -177,7 +180,7 @@ class FirstOf:
             else:
                 self._chosen = operator
                 return
-        raise Unanswered("; ".join(dict.fromkeys(reasons)) or "there is no operator to ask")
+        raise Unanswered("; ".join(dict.fromkeys(reasons)) or _NOBODY)
 
     def answer(self) -> Answer | None:
         return self._chosen.answer() if self._chosen else None

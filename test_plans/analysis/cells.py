@@ -168,7 +168,9 @@ def _sum(
     """
     there = cells_in(values)
     if lacking := [cell for cell in needed if cell not in there]:
-        raise NotAvailable(f"without {', '.join(lacking)} the sum of the load cells is unknown")
+        raise NotAvailable(
+            f"without {', '.join(lacking)} the sum of the load cells is unknown; connect and describe them"
+        )
     known = described(rig)
     shares = {cell: share(cell) for cell in there if cell in needed or cell in known}
     return np.asarray(sum(one * np.asarray(values[cell]) for cell, one in shares.items() if one))
