@@ -8,6 +8,7 @@ import sys
 import tomllib
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any, Final, TextIO
 from unittest.mock import patch
@@ -462,12 +463,18 @@ def commands_page() -> str:
             with (
                 patch.object(command, "params", [*arguments, *own]),
                 patch.object(command, "add_help_option", False),
+                nullcontext() if title == "astb" else _without_commands(command),
             ):
                 text = command.get_help(click.Context(command, info_name=title, terminal_width=100))
             print(f"## `{title}`\n\n```text\n{text}\n```\n", file=out)
             if names := [f"`{_first_word(record)}`" for record in records if record in shared]:
                 print(f"Shared options: {', '.join(names)}.\n", file=out)
     return out.getvalue()
+
+
+def _without_commands(command: click.Command) -> AbstractContextManager[object]:
+    """Return a context in which the help of a group omits its commands: the page describes them below it."""
+    return patch.object(command, "format_commands", lambda *_: None, create=True)
 
 
 def _option_records(title: str, command: click.Command) -> dict[tuple[str, str], click.Option]:
