@@ -302,7 +302,7 @@ _FORGOTTEN: Final = 200
 
 @dataclass(frozen=True)
 class Laboratory:
-    """Measures specimens of a ``simulator``: so many ``samples`` in each run, every ``dt`` s."""
+    """Measures specimens of a ``simulator``, with ``samples`` samples in each run, one every ``dt`` s."""
 
     simulator: Oscillator = field(default_factory=Oscillator)
     samples: int = 1500
@@ -359,7 +359,7 @@ class Laboratory:
 
 
 def ar1_noise(rng: np.random.Generator, n: int, coefficient: float) -> Array:
-    """Return AR(1) noise (n,) of unit variance: each value remembers the one before by ``coefficient``."""
+    """Return AR(1) noise (n,) of unit variance: each value depends on the one before by ``coefficient``."""
     innovations = rng.standard_normal(n + _FORGOTTEN) * np.sqrt(1.0 - coefficient**2)
     noise: Array = lfilter([1.0], [1.0, -coefficient], innovations)[_FORGOTTEN:]
     return noise

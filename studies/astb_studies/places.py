@@ -1,4 +1,4 @@
-"""Where the checkout and its documentation lie: the studies write their results there."""
+"""Paths of the checkout and its documentation, where the studies write their results."""
 
 from pathlib import Path
 from typing import Final

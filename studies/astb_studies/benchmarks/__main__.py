@@ -1,4 +1,4 @@
-"""``python -m astb_studies.benchmarks``: measure speed and lateness, each next to a control of the same minute."""
+"""``python -m astb_studies.benchmarks``: measure speed and lateness, each together with a control at the same time."""
 
 import importlib
 import sys
@@ -34,9 +34,8 @@ NAMES: Final = (
 @click.argument("names", nargs=-1, type=click.Choice(NAMES))
 @click.option("--quick", is_flag=True, help="A look in a minute: fewer repetitions, 10 s of lateness.")
 def main(names: tuple[str, ...], quick: bool) -> None:
-    """Measure all of them, or those that are named.
-
-    Results go to runs/benchmarks.json, and unless it was quick to their sections of studies/docs/benchmarks.md.
+    """Run all benchmarks, or the named ones.  Results are written to runs/benchmarks.json and, except for quick runs,
+    to studies/docs/benchmarks.md.
     """
     console = Console() if sys.stdout.isatty() else Console(width=170)
     sections: dict[str, Section] = {}

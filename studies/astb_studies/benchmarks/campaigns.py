@@ -26,13 +26,13 @@ def loop(cases: Sequence[PlanCase]) -> None:
 
 
 def start_and_end() -> None:
-    """Bring a local cluster up, and down again."""
+    """Start and stop a local cluster."""
     with cluster(workers=WORKERS):
         pass
 
 
 def run(effort: Effort) -> Section:
-    """Measure both in turn; the aim is for the median of the ratios."""
+    """Measure both in turn; the target applies to the median of the ratios."""
     cases = by_key(PlanCase(plan="leak_down", simulation=Simulation(seed=seed)) for seed in range(CASES))
     halves = [list(cases.values())[start::WORKERS] for start in range(WORKERS)]
     numbers = itertools.count()

@@ -1,4 +1,4 @@
-"""One CAN frame to the hub and back, by our plugin and by python-can's own client, next to a raw socket."""
+"""Round trip of a CAN frame to the hub, with our plugin, with python-can's own client, and with a raw socket."""
 
 import contextlib
 import logging

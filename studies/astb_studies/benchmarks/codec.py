@@ -1,4 +1,4 @@
-"""Frames and lines: the compiled CAN codec next to cantools, the socketcand parser next to python-can's."""
+"""Time per frame: the compiled CAN codec compared with cantools, the socketcand parser with that of python-can."""
 
 from collections.abc import Callable, Sequence
 from importlib.util import find_spec
@@ -61,7 +61,7 @@ def _per_item(action: Callable[[], object], items: int) -> Callable[[], float]:
 
 
 def _frames(encode: Callable[[], Block], blocks: Sequence[Block], names: Sequence[str]) -> Subjects:
-    """Encoding and decoding of the messages ``names``, which every block holds once."""
+    """Measure encoding and decoding of the messages ``names``; every block has one frame of each."""
     import cantools
 
     database = cantools.database.load_string(dbc(), "dbc")
@@ -84,7 +84,7 @@ def _frames(encode: Callable[[], Block], blocks: Sequence[Block], names: Sequenc
 
 
 def _lines(blocks: Sequence[Block], count: int) -> Subjects:
-    """Formatting and parsing of the lines in which the hub sends frames; the first ``count`` frames go round."""
+    """Measure formatting and parsing of the lines of the hub; the first ``count`` frames are used repeatedly."""
     import can
     from can.interfaces.socketcand.socketcand import (
         convert_ascii_message_to_can_message,

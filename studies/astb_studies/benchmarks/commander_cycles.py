@@ -1,4 +1,4 @@
-"""How steadily set-points arrive while a plan computes, next to a stream that needs the interpreter for every cycle.
+"""Jitter of the set-points while a plan computes, compared with a stream that needs the interpreter in every cycle.
 
 python -m astb_studies.benchmarks.commander_cycles PORT PLAN WAY
     streams until its input ends; WAY is compiled or interpreted

@@ -1,4 +1,4 @@
-"""The ways to lose a commander, and the witness on the bus who sees when the bench holds and when it is safe."""
+"""Ways to lose a commander, and a bus client that measures the times until the bench holds and until it is safe."""
 
 from dataclasses import dataclass, field
 from typing import Final
@@ -32,14 +32,14 @@ _LET_GO: Final = 2 * SET_DOWN
 
 @dataclass(frozen=True)
 class Cut:
-    """One way to lose the commander, and how long (s) the bench may take from then on to hold."""
+    """One way to lose the commander, and the time limit (s) for the bench to hold."""
 
     name: str
     hold_within: float = HOLD_AFTER
 
     @property
     def safe_within(self) -> float:
-        """How long (s) until it is safe; where the bench waits longer than for a command, that comes on top."""
+        """Time limit (s) until the bench is safe, increased if it waits longer than for a missing command."""
         return SAFE_WITHIN + self.hold_within - HOLD_AFTER
 
 

@@ -1,4 +1,4 @@
-"""FMUs of springs and bench next to the plant itself, and next to the same laws in an FMU that pythonfmu3 makes."""
+"""FMUs of springs and bench, compared with the plant itself and with the same laws in an FMU of pythonfmu3."""
 
 import tempfile
 from collections.abc import Callable
@@ -26,12 +26,12 @@ class Opened:
         import fmpy
         from fmpy.fmi3 import FMU3Slave
 
-        told = fmpy.read_model_description(str(path))
-        numbers = {one.name: one.valueReference for one in told.modelVariables}
+        model = fmpy.read_model_description(str(path))
+        numbers = {one.name: one.valueReference for one in model.modelVariables}
         self.fmu = FMU3Slave(
-            guid=told.instantiationToken,
+            guid=model.instantiationToken,
             unzipDirectory=fmpy.extract(str(path)),
-            modelIdentifier=told.coSimulation.modelIdentifier,
+            modelIdentifier=model.coSimulation.modelIdentifier,
             instanceName=path.stem,
         )
         self.fmu.instantiate()

@@ -1,4 +1,6 @@
-"""The air of one spring, imposed motion: the model's own compiled functions against the same equations in plain C."""
+"""The air of one spring under imposed motion: the compiled functions of the model compared with the same equations in
+C.
+"""
 
 import ctypes
 import tempfile
@@ -58,7 +60,7 @@ def slope(t: float, x: Any, par: Any, dx: Any) -> None:
 
 @compiled_entry
 def run_steps(x: Any, parameters: Any, dt: float, steps: int) -> None:
-    """``steps`` Runge-Kutta steps in place."""
+    """Take ``steps`` Runge-Kutta steps in place."""
     par = parameters[0]
     work = np.empty((4, 6))
     y = x.copy()

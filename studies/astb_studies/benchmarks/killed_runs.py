@@ -97,8 +97,8 @@ class Killer:
         folder = out / PLAN
         command = [*_ASTB_RUN, PLAN, "--rig", str(self._file), "--out", str(out), "--operator", OPERATOR]
         command += [f"--set={name}={value}" for name, value in SETTINGS.items()]
-        with (self._directory / "said.txt").open("w+") as said:
-            with subprocess.Popen(command, stdout=said, stderr=said) as process:
+        with (self._directory / "output.txt").open("w+") as output:
+            with subprocess.Popen(command, stdout=output, stderr=output) as process:
                 try:
                     self._wait_for(folder, process)
                     began = self._bystander.tick
@@ -110,8 +110,8 @@ class Killer:
                 finally:
                     process.kill()
                     end = self._bystander.tick
-            said.seek(0)
-            self._judge(found, folder, said.read(), began, end)
+            output.seek(0)
+            self._judge(found, folder, output.read(), began, end)
         self._bring_to_rest()
         return found
 
@@ -123,9 +123,9 @@ class Killer:
                 if any(folder.iterdir()):
                     return
             time.sleep(0.5 * ms)
-        raise RuntimeError(f"no run was started: {(self._directory / 'said.txt').read_text()}")
+        raise RuntimeError(f"no run was started: {(self._directory / 'output.txt').read_text()}")
 
-    def _judge(self, found: Killed, folder: Path, said: str, began: float, end: float) -> None:
+    def _judge(self, found: Killed, folder: Path, output: str, began: float, end: float) -> None:
         if not any(
             (folder / sign).exists() for sign in SIGNS
         ):  # its head was not whole yet, and nothing moved
@@ -145,7 +145,7 @@ class Killer:
                 found.lost = 0.0  # the record was closed before
             found.wrong += _differences(run, _expected())
             found.wrong += _missing_phases(
-                record, said, end * ms - ALLOWED - (ticks[0] if ticks.size else end) * ms
+                record, output, end * ms - ALLOWED - (ticks[0] if ticks.size else end) * ms
             )
             if len(record):
                 write_csv(record, self._directory / "record.csv", 10.0, ["left.height"])
@@ -157,7 +157,7 @@ class Killer:
             found.wrong.append(f"{found.lost:.3f} s are lost")
 
     def _bring_to_rest(self) -> None:
-        """Reset the rig, which holds since its commander is gone."""
+        """Reset the rig, which holds after the loss of its commander."""
         can, modbus = self._ports
         clock = RealClock()
         bench = Bench(own_wiring(open_can("tcp", port=can), open_modbus("127.0.0.1", modbus)), clock)
@@ -183,15 +183,15 @@ def _differences(run: Any, plan: Plan) -> list[str]:
         "operator": (run.facts.get("operator"), OPERATOR),
         "rig": (run.facts.get("rig"), "killed"),
     }
-    wrong = [f"{name} is {got!r}" for name, (got, wanted) in pairs.items() if got != wanted]
+    wrong = [f"{name} is {got!r}" for name, (got, expected) in pairs.items() if got != expected]
     if run.result.specimen is None or not run.result.specimen.serial_number:
         wrong.append("the specimen is unknown")
     return wrong
 
 
-def _missing_phases(record: Any, said: str, until: float) -> list[str]:
+def _missing_phases(record: Any, output: str, until: float) -> list[str]:
     """Return which phases were shown before ``until`` (s) and are not in the record."""
-    shown = Counter(name for at, name in _PHASE.findall(said) if float(at) < until)
+    shown = Counter(name for at, name in _PHASE.findall(output) if float(at) < until)
     missing = shown - Counter(phase.name for phase in record.phases)
     return [f"the phase {name!r} is missing" for name in missing]
 
@@ -221,8 +221,8 @@ def main() -> int:
             when = list(MOMENTS)[number % len(MOMENTS)]
             one = kills.kill(when, draw.uniform(*MOMENTS[when]))
             found.append(one)
-            told = "; ".join(one.wrong) or "correct"
-            seen = f"{one.when}, {one.moment:.3f} s: {one.listed}, {one.lost:.3f} s lost, {told}"
+            errors = "; ".join(one.wrong) or "correct"
+            seen = f"{one.when}, {one.moment:.3f} s: {one.listed}, {one.lost:.3f} s lost, {errors}"
             print(f"{number + 1:4} {seen}", flush=True)
     good = sum(not one.wrong for one in found)
     lost = np.array([one.lost for one in found if one.listed == "interrupted"])

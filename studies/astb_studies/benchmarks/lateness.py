@@ -36,7 +36,7 @@ PATIENCE: Final = 180 * s
 
 
 class Listener(threading.Thread):
-    """Reads every frame of the hub and remembers the time stamps."""
+    """Reads every frame of the hub and stores the time stamps."""
 
     def __init__(self, port: int) -> None:
         super().__init__(daemon=True)
@@ -121,9 +121,9 @@ def measure(seconds: int, loop: Path, *, attacked: bool = False) -> Measured:
                 child(sys.executable, "-m", "astb_studies.benchmarks.lateness_attack", *ports)
             )
         time.sleep(WARM_UP)
-        beside = stack.enter_context(child(str(loop), str(seconds), str(control)))
+        control_loop = stack.enter_context(child(str(loop), str(seconds), str(control)))
         rig.wait(PATIENCE)
-        beside.wait(PATIENCE)
+        control_loop.wait(PATIENCE)
         for thread in (listener, *pollers):
             thread.join(PATIENCE)
     late, late_control = (np.fromfile(file, np.int64) / NS for file in (ours, control))

@@ -29,7 +29,7 @@ _PATIENCE: Final = 1.0
 
 
 def lines(chance: random.Random) -> bytes:
-    """Return commands of a stranger, unknown frames and nonsense."""
+    """Return commands of a client without the lease, unknown frames and invalid lines."""
     values = np.zeros(len(TABLE.signals))
     encoder = Encoder(TABLE)
     strange = encoder.encode(values, encoder.rows(["Control", "ForceSetpoints", "DisplacementSetpoints"]), 0)

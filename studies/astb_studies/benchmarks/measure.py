@@ -19,7 +19,7 @@ class Skipped(Exception):
 
 @dataclass(frozen=True)
 class Effort:
-    """How long to measure: ``quick`` is for a look, the page is written from the long one."""
+    """Duration of the measurement: ``quick`` for a first result, the long one for the page."""
 
     quick: bool
 
@@ -44,7 +44,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class BenchmarkRow:
-    """One measurement next to its control. ``unit`` is "s" for times, else the text behind the number."""
+    """One measurement with its control. ``unit`` is "s" for times, otherwise the text after the number."""
 
     what: str
     unit: str
@@ -82,9 +82,8 @@ def compare(
 
 
 def interleaved(repetitions: int, subjects: Mapping[str, Callable[[], float]]) -> dict[str, list[float]]:
-    """Measure all subjects in turn, ``repetitions`` times after one that does not count, every other time backwards.
-
-    So a temporary slowdown of the machine affects all subjects equally.
+    """Measure all subjects in turn, ``repetitions`` times, with alternating order, after one warm-up.  Therefore a
+    temporary slowdown of the machine affects all subjects equally.
     """
     found: dict[str, list[float]] = {name: [] for name in subjects}
     order = list(subjects)
@@ -98,14 +97,14 @@ def interleaved(repetitions: int, subjects: Mapping[str, Callable[[], float]]) -
 
 
 def cpu(action: Callable[[], object], items: float) -> float:
-    """Return the processor time of this thread for one of the ``items`` that ``action`` works through (s)."""
+    """Return the processor time of this thread for one of the ``items`` that ``action`` processes (s)."""
     start = time.thread_time_ns()
     action()
     return (time.thread_time_ns() - start) * 1e-9 / items
 
 
 def wall(action: Callable[[], object], items: float) -> float:
-    """Return the time on the wall for one of the ``items`` that ``action`` works through (s)."""
+    """Return the wall-clock time for one of the ``items`` that ``action`` processes (s)."""
     start = time.perf_counter_ns()
     action()
     return (time.perf_counter_ns() - start) * 1e-9 / items

@@ -1,4 +1,4 @@
-"""One Modbus request and its answer from the rig's registers, next to a raw socket with the same bytes."""
+"""Round trip of a Modbus request to the rig's registers, compared with a raw socket with the same bytes."""
 
 import contextlib
 import socket

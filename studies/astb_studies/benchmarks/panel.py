@@ -30,17 +30,17 @@ PATIENCE: Final = 180 * s
 
 
 class Page(threading.Thread):
-    """Reads everything that a page of the panel is sent."""
+    """Receives all data that the panel sends to a page."""
 
     def __init__(self, port: int, number: int) -> None:
         super().__init__(daemon=True)
         self.pictures = 0
         self.stream = connect(f"ws://127.0.0.1:{port}/api/stream?page={number}", max_size=None)
-        wanted = [
+        traces = [
             {"id": k, "signals": names, "span": span, "columns": columns}
             for k, (names, span, columns) in enumerate(TRACES)
         ]
-        self.stream.send(msgspec.json.encode({"traces": wanted}).decode())
+        self.stream.send(msgspec.json.encode({"traces": traces}).decode())
 
     def run(self) -> None:
         with contextlib.suppress(ConnectionClosed):

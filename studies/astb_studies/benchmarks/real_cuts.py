@@ -47,7 +47,7 @@ _PLAN: Final = 'name = "cut"\nlike = "hall"\n[can]\nbus = "tcp"\nport = {can}\n[
 
 
 class Wire:
-    """A TCP connection to ``port`` of this machine that can be closed at both ends, or swallow everything."""
+    """A TCP connection to ``port`` of this machine that can be closed at both ends, or drop all data."""
 
     def __init__(self, port: int) -> None:
         self._target = port
@@ -116,7 +116,7 @@ def _expect_line(process: Any, word: str) -> str:
 
 
 class RealCuts:
-    """A rig in its own process, whose commander is lost again and again; use it as a context manager."""
+    """A rig in its own process, whose commander is lost repeatedly; a context manager."""
 
     def __init__(self) -> None:
         self._witness = Witness()
@@ -143,7 +143,7 @@ class RealCuts:
         self._stack.close()
 
     def cut(self, kind: Cut) -> tuple[float, float]:
-        """Return how long the bench took to hold, and to be safe (s)."""
+        """Return the times until the bench held, and until it was safe (s)."""
         with contextlib.ExitStack() as stack:
             can, modbus = Wire(self._can), Wire(self._modbus)
             for wire in (can, modbus):

@@ -1,4 +1,4 @@
-"""``make soak``: a rig at its full rate for half an hour, commanded, watched, and broken on purpose again and again.
+"""``make soak``: a rig at its full rate for half an hour, with commands, clients, and simulated faults.
 
 python -m astb_studies.benchmarks.soak [--minutes 30]
     ends with 1 if memory grew, a sample is missing, or a reading is wrong

@@ -52,7 +52,7 @@ def slope(
 
 
 class Outside:
-    """The same run in the hands of scipy."""
+    """The same run, integrated by scipy."""
 
     def __init__(self, plant: Plant) -> None:
         self.count = integrated_states(plant.parameters)

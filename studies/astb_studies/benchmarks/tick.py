@@ -1,4 +1,4 @@
-"""One tick of the rig in virtual time, next to the bare model's step."""
+"""One tick of the rig in virtual time, compared with a step of the model alone."""
 
 from typing import Any
 

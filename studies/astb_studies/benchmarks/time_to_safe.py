@@ -1,4 +1,4 @@
-"""How long until the bench holds, and until it is safe, when processes are killed and wires are cut, many times."""
+"""Times until the bench holds, and until it is safe, after processes are killed and connections are cut."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial

@@ -1,4 +1,4 @@
-"""AW0 and AW3 in virtual time, with everything that is recorded, and where that time goes."""
+"""AW0 and AW3 in virtual time with full recording, and the time of each part of the software."""
 
 import contextlib
 import os
@@ -82,7 +82,7 @@ def metered(meter: Meter, part: str, owner: Any, method: str) -> Iterator[None]:
 
 
 def bare_plant(duration: float) -> float:
-    """Return how long the model alone needs for ``duration`` s, in batches as in a run (s)."""
+    """Return the time of the model alone for ``duration`` s, in batches as in a run (s)."""
     plant = Plant.at_rest(load("astb").record)
     start = time.perf_counter()
     for _ in range(round(duration / TICK / BATCH)):

@@ -35,7 +35,7 @@ _STEP: Final = 50 * ms
 
 
 class VirtualCuts:
-    """One rig in memory that is armed, loaded and cut again and again; ``seed`` is the random seed."""
+    """One rig in memory that is armed, loaded and cut repeatedly; ``seed`` is the random seed."""
 
     def __init__(self, seed: int) -> None:
         self._memory = RigInMemory(Rig(load("astb"), seed=seed))
@@ -45,7 +45,7 @@ class VirtualCuts:
         listener.subscribe(self._witness.receive)
 
     def cut(self, kind: Cut) -> tuple[float, float]:
-        """Return how long the bench took to hold, and to be safe (s)."""
+        """Return the times until the bench held, and until it was safe (s)."""
         memory, clock = self._memory, self._memory.clock
         can, modbus = memory.can(), memory.modbus()
         bench = Bench(own_wiring(can, modbus), clock)

@@ -41,7 +41,7 @@ class Watched(NamedTuple):
 def run(effort: Effort) -> Section:
     """Run the plan in turns with and without a twin, on one rig: sound, with one cause, and with two."""
     alone: list[Lateness] = []
-    beside: list[Lateness] = []
+    watched_ticks: list[Lateness] = []
     watched: dict[str, Watched] = {}
     cases = dict(list(CASES.items())[: 1 if effort.quick else None])
     with rig_of_its_own() as (file, modbus):
@@ -52,11 +52,11 @@ def run(effort: Effort) -> Section:
                 with child(sys.executable, "-m", "astb", *command) as test:
                     if twin:
                         late, watched[name] = _lateness_with_twin(modbus, test, out / PLAN, file, faults)
-                        beside.append(late)
+                        watched_ticks.append(late)
                     else:
                         alone.append(lateness_during(modbus, test.communicate))
     rows = [
-        compare(what, [one[k] for one in beside], "without a twin", [one[k] for one in alone], unit="")
+        compare(what, [one[k] for one in watched_ticks], "without a twin", [one[k] for one in alone], unit="")
         for k, what in enumerate(CALLED)
     ]
     for name, one in watched.items():
@@ -131,7 +131,7 @@ class Follower:
 
 
 def follow(test: Any, directory: Path, file: Path, faults: Sequence[Fault] = ()) -> Watched:
-    """Start a twin next to a run, and switch ``faults`` of the rig of a ``file`` on; return how it kept up."""
+    """Start a twin next to a run, and switch ``faults`` of the rig of a ``file`` on; return its speed."""
     while not directory.exists():
         assert test.poll() is None, "the run did not begin"
         time.sleep(_LOOK)
@@ -150,7 +150,7 @@ def follow(test: Any, directory: Path, file: Path, faults: Sequence[Fault] = ())
             time.sleep(_LOOK)
         share = used / (time.monotonic() - began)
         switch(file, {"do": "off", "name": "all"})
-    behind = [told - follower.began - before for (_, before), (told, _) in pairwise(follower.seen)]
+    behind = [seen_at - follower.began - before for (_, before), (seen_at, _) in pairwise(follower.seen)]
     return Watched(share, behind)
 
 
@@ -164,6 +164,6 @@ def switch(file: Path, order: dict[str, Any]) -> None:
 
 
 def _used(process: int) -> float:
-    """The s of a processor that a running process has used by now."""
+    """Return the processor time that a running process has used (s)."""
     fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

@@ -16,7 +16,7 @@ from astb_studies.places import ROOT
 
 
 def make(recipes: Sequence[Recipe], into: Path) -> None:
-    """Call the commands of the recipes, each once and with a new folder for its runs, and draw ``into`` another."""
+    """Call each command of the recipes once, with a new folder for its runs, and write the pictures to ``into``."""
     with tempfile.TemporaryDirectory() as folder:
         for command in dict.fromkeys(command for one in recipes for command in one.commands):
             print(command, file=sys.stderr)

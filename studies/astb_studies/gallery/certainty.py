@@ -1,4 +1,4 @@
-"""Guard bands: how the probability of conformity falls towards the limits, and where a run's values lie in theirs."""
+"""Guard bands: the probability of conformity near the limits, and the positions of a run's values in their bands."""
 
 from pathlib import Path
 from typing import Final

@@ -27,7 +27,7 @@ def figure_of(height: float, *shape: int, **kwargs: Any) -> "tuple[Figure, Any]"
 
 
 def save(figure: "Figure", path: Path) -> None:
-    """Write a drawing that is the same whenever it is made again."""
+    """Write a drawing whose bytes depend only on its content."""
     plain_numbers(figure)
     figure.draw_without_rendering()  # ticks depend on sizes, and sizes on ticks: the second layout has both
     figure.savefig(path, format="svg", metadata={"Date": None, "Creator": None}, facecolor="white")

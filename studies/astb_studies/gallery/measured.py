@@ -116,7 +116,7 @@ def leveling(runs: Path, path: Path) -> None:
 
 
 def gust(runs: Path, path: Path) -> None:
-    """A gust, in which the valve between the springs stays shut, and a roll that parts them until it opens."""
+    """Draw a gust, in which the differential pressure valve stays shut, and a roll that opens it."""
     blown, rolled = runs / "crosswind_gust", runs / "differential_pressure_valve"
     most = next(one for one in read_result(blown).checks if one.name == "largest displacement")
     opens = next(one for one in read_result(rolled).checks if one.name == "opens, left higher")

@@ -34,7 +34,7 @@ ESCAPED: Final[dict[str, Any]] = {"marker": "<", "color": ALARM, "linestyle": "n
 
 
 def matrix(_runs: Path, path: Path) -> None:
-    """One square a fault under a plan: caught, failed for another reason, missed by how far, or not tried."""
+    """Draw a square for each fault and plan: caught, wrong reason, missed (with distance), or not tried."""
     from matplotlib.figure import Figure
 
     cells = {(one.mutation, one.plan): one for one in read_cells()}

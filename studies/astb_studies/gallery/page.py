@@ -1,4 +1,4 @@
-"""docs/gallery.md, from the recipes: a sentence, a picture and the commands that make it, each."""
+"""docs/gallery.md from the recipes: for each picture a sentence and its commands."""
 
 from collections.abc import Iterator
 from typing import Final

@@ -1,4 +1,4 @@
-"""How long the bench takes to be safe after its commander was lost, cut by cut, in virtual time."""
+"""Times until the bench is safe after the loss of its commander, for each cut, in virtual time."""
 
 from pathlib import Path
 from typing import Final
@@ -16,7 +16,7 @@ SEED: Final = 1
 
 
 def time_to_safe(_runs: Path, path: Path) -> None:
-    """One row a kind of cut, one point a cut."""
+    """Draw a row for each kind of cut, and a point for each cut."""
     scatter = np.random.default_rng(SEED).uniform(-0.22, 0.22, COUNT)
     with style():
         figure, axes = figure_of(3.6)

@@ -52,17 +52,17 @@ class Mutation(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 
 class Mutations(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """All of them, and the reasons that they name: patterns for names of checks, with * for anything."""
+    """All mutations, and their reasons: patterns for names of checks, in which * matches any text."""
 
     reasons: dict[str, tuple[str, ...]]
     mutation: tuple[Mutation, ...]
 
-    def is_right(self, one: Mutation, told: str) -> bool:
-        """Whether ``told``, the name of a failed check or the reason of a blocked run, is right for this fault."""
-        about = _ABOUT_A_SIDE.search(told)
+    def is_right(self, one: Mutation, text: str) -> bool:
+        """Whether ``text``, the name of a failed check or the reason of a blocked run, is right for this fault."""
+        about = _ABOUT_A_SIDE.search(text)
         if one.side and about and about[1] != one.side:
             return False
-        return any(fnmatchcase(told, pattern) for name in one.right for pattern in self.reasons[name])
+        return any(fnmatchcase(text, pattern) for name in one.right for pattern in self.reasons[name])
 
 
 class Cell(msgspec.Struct, frozen=True, kw_only=True):
@@ -80,27 +80,27 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
 
 @cache
 def mutations() -> Mutations:
-    """Return the table of faults. msgspec.ValidationError, with its place, for one that no one understands."""
+    """Return the table of faults. Raises msgspec.ValidationError, with its place, for an invalid row."""
     return msgspec.convert(tomllib.loads(TABLE.read_text(encoding="utf-8")), Mutations)
 
 
 def judge(table: Mutations, one: Mutation, row: Mapping[str, Any], sound: Mapping[str, Any]) -> Cell:
     """Return the cell of a plan on a rig with this fault, from its row and the row of the sound rig."""
-    told = [check["name"] for check in row["checks"] or () if check["verdict"] in FAILED]
+    messages = [check["name"] for check in row["checks"] or () if check["verdict"] in FAILED]
     if row["verdict"] == "blocked":
-        told.append(f"blocked: {row['reason']}")
-    right = [name for name in told if table.is_right(one, name)]
+        messages.append(f"blocked: {row['reason']}")
+    right = [name for name in messages if table.is_right(one, name)]
     found: Found = "missed"
     if row["verdict"] in ("fail", "blocked"):
         found = "caught" if right else "wrong reason"
     nearest, used = _nearest(row["checks"] or (), sound["checks"] or ())
-    told = right + [name for name in told if name not in right]
+    messages = right + [name for name in messages if name not in right]
     return Cell(
         mutation=one.name,
         plan=row["plan"],
         found=found,
         verdict=row["verdict"],
-        told="; ".join(told),
+        told="; ".join(messages),
         nearest=nearest,
         used=round(used, 2),
         version=row.get("version", ""),
@@ -108,7 +108,7 @@ def judge(table: Mutations, one: Mutation, row: Mapping[str, Any], sound: Mappin
 
 
 def _nearest(checks: Sequence[Mapping[str, Any]], sound: Sequence[Mapping[str, Any]]) -> tuple[str, float]:
-    """Return which check has used most of its way from the sound value to a limit, and how much of it."""
+    """Return the check with the largest relative change from the fault-free value toward a limit, and this change."""
     before = {check["name"]: check["value"] for check in sound}
     ways = [("", 0.0)]
     for check in checks:

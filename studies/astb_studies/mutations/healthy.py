@@ -1,4 +1,4 @@
-"""Sound rigs: no two alike, each drawn from the tolerances of its parts, its sensors and its day."""
+"""Fault-free rigs, each drawn from the tolerances of its parts, sensors and ambient conditions."""
 
 import csv
 import tomllib
@@ -28,7 +28,7 @@ NOT_BEGUN: Final = ("not ready: ", "the parameters: ")
 
 
 class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How far a value of a sound rig may be off: a fraction of the drawing's, or from lowest to highest."""
+    """Tolerance of a value of a fault-free rig: a fraction of the nominal value, or a lowest and a highest value."""
 
     law: Literal["normal", "even"]
     source: str
@@ -37,7 +37,7 @@ class Tolerance(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 class Tolerances(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Of parts and of the day by parameter, of gains by kind of sensor."""
+    """Tolerances of parts and ambient conditions by parameter, of gains by kind of sensor."""
 
     part: dict[str, Tolerance]
     day: dict[str, Tolerance]
@@ -46,7 +46,7 @@ class Tolerances(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 @cache
 def tolerances() -> Tolerances:
-    """Return the table. msgspec.ValidationError, with its place, for one that no one understands."""
+    """Return the table. Raises msgspec.ValidationError, with its place, for an invalid row."""
     return msgspec.convert(tomllib.loads(TABLE.read_text(encoding="utf-8")), Tolerances)
 
 
@@ -82,7 +82,7 @@ def _ends(name: str, one: Tolerance, drawn: Any) -> tuple[Any, Any]:
 
 
 def _draw(chance: np.random.Generator, law: str, shape: tuple[int, ...]) -> Any:
-    """Return where between both ends a value lies (0 to 1)."""
+    """Return the position of a value between both ends (0 to 1)."""
     if law == "even":
         return chance.uniform(size=shape)
     drawn = chance.normal(size=shape)

@@ -114,25 +114,25 @@ def _at(one: Parameter, place: float) -> str:
 def sound_run(row: Mapping[str, Any]) -> SoundRun:
     """Return the result in the row of a sound rig."""
     if row["error"]:  # it has no verdict; if no case has one, the column is missing too
-        verdict, told = "error", row["error"]
+        verdict, message = "error", row["error"]
     else:
         failed = [check["name"] for check in row["checks"] or () if check["verdict"] in FAILED]
-        verdict, told = row["verdict"], "; ".join(failed) or row["reason"]
-    if told.startswith(NOT_BEGUN):  # which precondition; the values are in their own column
-        told = DETAILS.sub("", told)
+        verdict, message = row["verdict"], "; ".join(failed) or row["reason"]
+    if message.startswith(NOT_BEGUN):  # which precondition; the values are in their own column
+        message = DETAILS.sub("", message)
     values = ", ".join(f"{name} = {value}" for name, value in row.get("values", {}).items() if value)
     return SoundRun(
         plan=row["plan"],
         seed=row["seed"],
         verdict=verdict,
-        told=told,
+        told=message,
         version=row.get("version", ""),
         values=values,
     )
 
 
 def _version() -> str:
-    """Return commit and day of this code, as git knows them, and whether it was changed since."""
+    """Return commit and date of this code from git, and whether it has uncommitted changes."""
 
     def git(*words: str) -> str:
         return run(["git", *words], cwd=HERE, check=True, capture_output=True, text=True).stdout.strip()
@@ -163,7 +163,7 @@ def _carried_out(cases: list[PlanCase], out: Path, workers: int | None) -> list[
 
 @click.group()
 def main() -> None:
-    """What the plans catch: faults, sound rigs, and the page about both. Interrupted, the same call goes on."""
+    """Measure which faults the plans detect. After an interruption, the same command continues."""
 
 
 @main.command("faults")

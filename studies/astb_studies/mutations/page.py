@@ -25,7 +25,7 @@ WANTED: Final = 0.01
 
 
 def page() -> str:
-    """Return the page, from the matrix and the sound runs that lie next to this module."""
+    """Return the page, from the stored matrix and the stored fault-free runs."""
     return "\n".join(_lines(mutations(), read_cells(), read_sound_runs())) + "\n"
 
 
@@ -110,10 +110,10 @@ def _wrong_reasons(cells: Iterable[Cell]) -> Iterator[str]:
     found: dict[tuple[str, str], list[str]] = {}
     for cell in cells:
         if cell.found == "wrong reason":
-            told = cell.told if len(cell.told) <= TOLD else cell.told[:TOLD].rsplit(" ", 1)[0] + " …"
-            found.setdefault((cell.mutation, told.replace("|", "\\|")), []).append(cell.plan)
-    for (mutation, told), plans in found.items():
-        yield f"| {mutation} | {', '.join(f'`{plan}`' for plan in sorted(plans))} | {told} |"
+            message = cell.told if len(cell.told) <= TOLD else cell.told[:TOLD].rsplit(" ", 1)[0] + " …"
+            found.setdefault((cell.mutation, message.replace("|", "\\|")), []).append(cell.plan)
+    for (mutation, message), plans in found.items():
+        yield f"| {mutation} | {', '.join(f'`{plan}`' for plan in sorted(plans))} | {message} |"
     yield ""
 
 
@@ -196,7 +196,7 @@ def _sound_row(plan: str, runs: Sequence[SoundRun]) -> str:
 
 
 def _range(values: Sequence[str]) -> str:
-    """Return the lowest and the highest of ``values`` with one unit, or the words among them."""
+    """Return the range of ``values`` with one unit, or the words among them."""
     try:
         low, high = (choose(values, key=lambda one: float(one.split()[0])) for choose in (min, max))
     except ValueError:

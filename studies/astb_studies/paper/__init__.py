@@ -1,1 +1,1 @@
-"""A study of the paper: its figures and claims made again, on the virtual bench and in closed form."""
+"""A study that reproduces figures and claims of the paper, on the virtual bench and in closed form."""

@@ -58,7 +58,7 @@ class NoBenchResult(RuntimeError):
 
 
 def directory_of(out: Path, plan: str, seed: int) -> Path:
-    """Return where the record of one plan on one rig lies."""
+    """Return the folder of the record of one plan on one rig."""
     return out / "bench" / f"{plan}-{seed}"
 
 
@@ -72,7 +72,7 @@ def measure(
 ) -> None:
     """Run one plan in virtual time on its own rig and leave record and result below ``out``.
 
-    ``given`` are parameters of the plan as people write them, and ``name`` what such a run is called. ``parameters``
+    ``given`` are parameters of the plan as text, and ``name`` is the name of the run. ``parameters``
     name the set of the rig, or a file of them.
     """
     simulation = Simulation(parameters=parameters, seed=seed)
@@ -171,7 +171,7 @@ class BenchResults:
     def pressure(self, plan: str, phase: str, skip: int = 0, count: int | None = None) -> float:
         """Return the mean gauge pressure (Pa) in the bellows over the phases so named, ``skip`` of them left out.
 
-        Springs that were leveled and then brought to their design height stand at a little less than the load's.
+        After leveling, springs that are moved to design height have slightly less than the pressure of the load.
         """
         found = [p for name, p in self.pressures[plan] if name.startswith(phase)][skip:]
         if not found:
@@ -180,7 +180,7 @@ class BenchResults:
 
 
 def gather(out: Path, seeds: Sequence[int], *, quick: bool) -> BenchResults:
-    """Read what `measure` left; NoBenchResult, with the reason, if a plan was blocked."""
+    """Read the results of `measure`. Raises NoBenchResult, with the reason, if a plan was blocked."""
     results = {plan: [read_result(directory_of(out, plan, seed)) for seed in seeds] for plan in PLANS}
     at_once, rode = (
         {name: read_result(directory_of(out, name, seeds[0])) for name, *_ in cases}

@@ -1,4 +1,4 @@
-"""A claim, and all that decides it, declared where each function stands: checks, one for each layer, and the bench.
+"""Claims, with the functions that check them on each layer and on the bench; each function declares its claim.
 
 T1 = Claim("T1", "Lateral stiffness rises with the pressure.", "the paper, figure 6(a) and (b)")
 
@@ -31,7 +31,7 @@ class CheckOutcome:
 
 @dataclass(frozen=True, slots=True)
 class BenchOutcome:
-    """What the bench measured, in words, whether the claim holds there, and how far the closed form is from it."""
+    """The result of the bench as text, whether the claim holds there, and the deviation of the closed form."""
 
     text: str
     holds: bool
@@ -64,7 +64,7 @@ class Claim:
         CLAIMS.append(self)
 
     def on(self, layer: Layer, limits: str, *, shares: str = "") -> Callable[[Evaluate], Evaluate]:
-        """Declare that the function below decides the claim on one layer: whether it keeps to ``limits``.
+        """Declare that the decorated function checks the claim on one layer, against ``limits``.
 
         ``shares`` names the experiments that it has in common with other checks. ValueError if the claim has a check on
         this layer already.
@@ -79,7 +79,7 @@ class Claim:
         return declare
 
     def on_the_bench(self, figure: str) -> Callable[[Compare], Compare]:
-        """Declare that the function below states what the bench measured of the claim, next to ``figure``."""
+        """Declare that the decorated function returns the result of the bench for the claim, shown with ``figure``."""
 
         def declare(compare: Compare) -> Compare:
             self.by_figure[figure] = compare

@@ -60,7 +60,7 @@ def rides(quick: bool) -> Iterator[tuple[str, str, Mapping[str, str]]]:
 
 
 def place(over: str, given: Mapping[str, str], pressure: float) -> float:
-    """Return where a run is in a figure (SI): at its gauge ``pressure``, its roll, or its frequency."""
+    """Return the abscissa of a run in a figure (SI): its gauge ``pressure``, its roll, or its frequency."""
     if over == "pressure":
         return pressure
     unit = {"roll": "rad", "frequency": "Hz"}[over]

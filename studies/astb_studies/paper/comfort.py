@@ -1,4 +1,4 @@
-"""Ride comfort out of sampled car-body accelerations: EN 12299 (ENV 12299), weighted with W_d across and W_b upward.
+"""Ride comfort from sampled car-body accelerations: EN 12299 (ENV 12299), weighted with W_d across and W_b upward.
 
 Both are a band from 0.4 to 100 Hz (Butterworth) and a transition from constant acceleration to constant velocity, W_d
 above 2 Hz and W_b above 16 Hz; W_b also has a step upward from 2.5 to 4 Hz. A ride is judged in blocks of five minutes,

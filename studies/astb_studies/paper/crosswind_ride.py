@@ -1,6 +1,6 @@
 """Ride comfort in a crosswind: five minutes of ride per wind speed, load and realisation of the gusts, and their table.
 
-Weighting by frequency and percentiles belong to a standard, not to the model: they come in as a function.
+Frequency weighting and percentiles follow from a standard, so they are passed as a function.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -247,7 +247,7 @@ def _half_car(par: PaperParameters, car: Any, f: Samples) -> tuple[NDArray[Any],
 
 
 def paper_amplitude_stiffness(par: PaperParameters, amplitude: float) -> float:
-    """First harmonic of F = K_r(y) y over y = a sin: the only amplitude that the closed form knows, in N/m."""
+    """First harmonic of F = K_r(y) y for y = a sin ωt, in N/m: the only amplitude dependence of the closed form."""
     phase = 2.0 * np.pi * np.arange(256) / 256
     y = amplitude * np.sin(phase)
     return float(np.mean(2.0 * diaphragm_stiffness(y, par.pressure, par) * y * np.sin(phase)) / amplitude)

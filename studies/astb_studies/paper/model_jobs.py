@@ -39,7 +39,7 @@ def model_jobs(bench: BenchResults, identified: Identified, file: Path) -> Itera
     """Yield the experiments that the model repeats at what the first rig measured: name, function, arguments.
 
     ``file`` has the identified parameters.
-    The model stands at the pressure that the bench read, less the transducers' zero: `preload` is what it then carries.
+    The model has the measured pressure, corrected for the zero of the transducers; `preload` is the resulting load.
     """
     zero = identified.pressure_zero
     area = identified.parameters["effective_area"].value

@@ -129,7 +129,7 @@ def _rows(entries: "Iterable[dict[str, Any]]") -> Iterator[ClaimRow]:
 
 
 def _tally(rows: list[ClaimRow]) -> dict[str, dict[str, int]]:
-    """Count how many claims and checks hold how far."""
+    """Return the number of claims and checks by verdict."""
     counts: dict[str, dict[str, int]] = {"claims": {}, "checks": {}}
     for row in rows:
         kind = counts["claims" if row.id.startswith("T") else "checks"]
@@ -214,8 +214,8 @@ def _other_rides(study: Study) -> list[tuple[str, str, str, str, str]]:
         if one.layer in ("plant", *OTHER_RIDES):
             rows.setdefault((one.layer, one.load), {})[one.wind_speed] = one
 
-    def listed(cells: dict[float, ComfortRow], tell: Callable[[ComfortRow], str]) -> str:
-        return " / ".join(tell(cells[speed]) if speed in cells else "–" for speed in WIND_SPEEDS)
+    def listed(cells: dict[float, ComfortRow], text_of: Callable[[ComfortRow], str]) -> str:
+        return " / ".join(text_of(cells[speed]) if speed in cells else "–" for speed in WIND_SPEEDS)
 
     return [
         (
@@ -279,5 +279,5 @@ def _index_table(study: Study, layer: str) -> dict[str, Any]:
 
 
 def signed(text: str) -> str:
-    """Put a proper minus before numbers, and leave hyphens alone."""
+    """Replace hyphens before numbers by minus signs; keep other hyphens."""
     return re.sub(r"(^|[\s(e])-(?=[\d.])", rf"\1{MINUS}", text)

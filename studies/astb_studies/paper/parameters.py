@@ -1,4 +1,4 @@
-"""Parameter sets of the paper's model and of its crosswind, read and refused like those of the plant."""
+"""Parameter sets of the paper's model and of its crosswind, read and checked like those of the plant."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
@@ -78,7 +78,7 @@ class PaperSet:
 
 
 def load_paper(name: str | Path = "paper", load_case: str | None = None) -> PaperSet:
-    """Read a parameter set: a name represents a file next to this module, anything else is a path.
+    """Read a parameter set from a file next to this module, by its name, or from a path.
 
     Without ``load_case`` the first one of the file applies. Raises `ParameterError`, which names the file.
     """

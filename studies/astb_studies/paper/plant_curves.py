@@ -136,7 +136,7 @@ def secant_of_stairs(
 ) -> tuple[Floats, Floats]:
     """|y| in m and (F(y) − F(−y))/(2y) in N/m, climbing ``stairs`` (m) with the bellows shut off.
 
-    Each size counts where it is reached first, friction and all.
+    Each |y| is evaluated where it is reached first, including friction.
     """
     plant = subject.resting(load, **changes)
     plant.inputs[[Input.LEFT_RESERVOIR_VALVE, Input.RIGHT_RESERVOIR_VALVE]] = 0.0
@@ -210,7 +210,7 @@ def lookalikes(subject: Subject, load: str, amplitude: Floats, f: Floats) -> dic
 
 
 def residuals(subject: Subject, load: str, amplitude: float, f: Floats) -> dict[str, Complexes]:
-    """The three of `lookalikes` in the force that is left when pressure times area is taken off, in N/m over f (Hz)."""
+    """Return the three causes of `lookalikes` in the force without pressure times area, in N/m over f (Hz)."""
     C_d = subject.parameters(load).record.discharge_coefficient[0]
     rubber = residual_loss(subject, load, amplitude, f)[1]
     orifice, rest = residual_loss(subject, load, amplitude, f, "rubber")

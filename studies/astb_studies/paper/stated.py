@@ -1,4 +1,4 @@
-"""What the page states before any result: tables 1 to 3, both topologies of the spring, gusts along the train."""
+"""Input data on the page: tables 1 to 3, both topologies of the spring, gusts along the train."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
@@ -110,7 +110,7 @@ def topologies() -> list[dict[str, str]]:
 
 
 def spatial_correlation() -> dict[str, Any]:
-    """Return how far gusts are alike along the train, and what of their spectrum a whole car is left with."""
+    """Return the coherence of the gusts along the train, and the share of their spectrum in the mean over a car."""
     wind = load_paper().wind
     return {
         "mean": f"{MEAN_WIND:g}",

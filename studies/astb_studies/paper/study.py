@@ -214,7 +214,7 @@ def _on_the_plant(subject: Subject, other: str = "") -> list[ComfortRow]:
 
 
 def _identified(seed: int, out: Path) -> Identified:
-    """Measure what identifies the springs of the first rig, identify them, and leave their parameter file."""
+    """Measure the springs of the first rig, identify them, and write their parameter file."""
     measure(IDENTIFICATION, seed, out)
     return identify_rig(directory_of(out, IDENTIFICATION, seed), out / IDENTIFIED)
 

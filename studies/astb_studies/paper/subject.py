@@ -68,7 +68,7 @@ class Subject:
         return self._paper.wind
 
     def parameters(self, load_case: str, *without: str, **changes: Any) -> Parameters:
-        """Return the plant's set under a load case, less some parts (`WITHOUT`), with what the experiment changes."""
+        """Return the plant's set under a load case, without some parts (`WITHOUT`), and with ``changes``."""
         conditions: dict[str, Any] = {}
         for part in without:
             conditions |= WITHOUT[part]
@@ -89,15 +89,14 @@ _Experiment = TypeVar("_Experiment", bound=Callable[..., Any])
 
 
 def remembered(experiment: _Experiment) -> _Experiment:
-    """Keep what an experiment returns, by subject and arguments: several checks read the same one.
-
-    An argument is the same whether it is given by place, by name, or not at all where it has that value anyway.
+    """Cache the results of an experiment by subject and arguments, because several checks use them.  Positional,
+    keyword and default arguments with equal values are equal.
     """
-    asked = signature(experiment)
+    parameters = signature(experiment)
 
     @wraps(experiment)
     def once(subject: Subject, *args: Any, **changes: Any) -> Any:
-        given = asked.bind(subject, *args, **changes)
+        given = parameters.bind(subject, *args, **changes)
         given.apply_defaults()
         key = (experiment.__name__, given.args[1:], tuple(sorted(given.kwargs.items())))
         if key not in subject._memo:

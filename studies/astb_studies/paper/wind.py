@@ -85,7 +85,7 @@ def spectrum(f: Real, mean: float, wind: Crosswind) -> Real:
 def coherence(f: Real, distance: Real, mean: float, wind: Crosswind) -> Real:
     """Davenport's exp(−C f |Δ|/V_r): cross spectrum over spectrum, at ``distance`` Δ (m) along the train; literature.
 
-    Real: that the gusts also travel along the train is left out.
+    It is real, because the travel of the gusts along the train is neglected.
     """
     return np.exp(-_decay(f, mean, wind) * np.abs(distance))
 

@@ -193,7 +193,7 @@ def test_readings_that_are_held_lie_on_lines_between():
     course = Course(0.0)
     t = HOST_STEP * np.arange(400)
     fast, slow = np.sin(7 * t), np.sin(7 * t)[np.arange(400) // 4 * 4]
-    course.asked = [SpringPose(0.0, 0.0, 0.0)] * 400
+    course.commanded = [SpringPose(0.0, 0.0, 0.0)] * 400
     course.read = [[0.0, 0.0, 0.0, one, 0.0] for one in slow.tolist()]
     _, moved = course.places(OURS, 0.0, 390 * HOST_STEP)
     lever = OURS["centre_height"] + OURS["lateral_actuator_height"] + OURS["column_height"]

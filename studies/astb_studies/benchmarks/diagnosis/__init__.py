@@ -1,4 +1,4 @@
-"""How often a diagnosis is right, measured on systems with something hidden in them."""
+"""Rates of right diagnoses, measured on systems with hidden effects."""
 
 from bench_protocol.runtime.own_process import keep_algebra_to_one_core
 

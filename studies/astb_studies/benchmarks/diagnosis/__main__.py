@@ -1,4 +1,6 @@
-"""``python -m astb_studies.benchmarks.diagnosis``: hide, diagnose, judge, many times; then write the page of rates."""
+"""``python -m astb_studies.benchmarks.diagnosis``: hide effects, diagnose and judge many cases; then write the page of
+rates.
+"""
 
 import sys
 from pathlib import Path
@@ -32,8 +34,10 @@ BENCH_NULLS: Final = 80
 BENCH_SIBLINGS: Final = 200
 
 
-def wanted(system: str, count: int, white: int, coloured: int, of_another_form: int) -> list[Case]:
-    """Return the cases of a system, kinds and conditions in turn: whenever a campaign stops, it has some of each."""
+def planned_cases(system: str, count: int, white: int, coloured: int, of_another_form: int) -> list[Case]:
+    """Return the cases of a system, with kinds and conditions in turn, so that an interrupted campaign has some of
+    each.
+    """
     lists = [
         cases(system, count),
         nulls(system, white, "white"),
@@ -84,13 +88,13 @@ def main(
         style = "red" if judged.failure or judged.wrong else ""
         console.print(f"{line} → {text}; {judged.elapsed:.0f} s, {left} left", style=style, highlight=False)
 
-    asked = {
-        "oscillator": wanted("oscillator", small, NULLS, COLOURED_NULLS, SIBLINGS),
-        "bench": wanted("bench", count, BENCH_NULLS, BENCH_NULLS, BENCH_SIBLINGS),
+    planned = {
+        "oscillator": planned_cases("oscillator", small, NULLS, COLOURED_NULLS, SIBLINGS),
+        "bench": planned_cases("bench", count, BENCH_NULLS, BENCH_NULLS, BENCH_SIBLINGS),
     }
     if not page_only:
         for system in systems.split(","):
-            fresh = [replace(case, seed=case.seed + first_seed) for case in asked[system]]
+            fresh = [replace(case, seed=case.seed + first_seed) for case in planned[system]]
             run(fresh, processes, report, kept)
     if first_seed:
         return
@@ -101,7 +105,7 @@ def main(
         raise click.ClickException(
             f"{kept} has no results of {', '.join(lacking)}, so the page was not written; run these systems"
         )
-    page = write(judgements, {system: len(cases) for system, cases in asked.items()})
+    page = write(judgements, {system: len(cases) for system, cases in planned.items()})
     console.print(f"page: {page}", highlight=False)
 
 

@@ -1,11 +1,10 @@
 """``python -m astb_studies.benchmarks.diagnosis.ablation``: switch off each rule of the diagnosis alone, and count.
 
-Theory of operation
--------------------
-A rule is a function of the engine whose result is neutral in most cases: no effect removed, no further trial. Each case
-is diagnosed once with all rules. During this, each rule is observed: it *acts* if its result is not the neutral one.
-Where it did not act, the diagnosis without the rule is the same computation, so only the cases in which it acted are
-diagnosed again, each without this one rule. The comparison of both is paired: the same specimen, noise and seed.
+Theory of operation ------------------- A rule is a function of the engine whose result is neutral in most cases: no
+effect removed, no further trial. Each case is diagnosed once with all rules. During this, each rule is observed: it
+*acts* if its result is not the neutral one. If it did not act, the diagnosis without the rule would be the same
+computation. So only the cases in which it acted are diagnosed again, each without this one rule. The comparison of both
+is paired: the same specimen, noise and seed.
 """
 
 import sys
@@ -184,7 +183,7 @@ alone is no reason to remove one.
 
 
 class Outcome(msgspec.Struct, frozen=True):
-    """What counts of a judgement; None where a rate does not apply."""
+    """The counted results of a judgement; None if a rate does not apply."""
 
     exact: bool | None
     reported: bool | None
@@ -203,7 +202,7 @@ class Ablated(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def outcome(judged: Judged) -> Outcome:
-    """Return what counts of a judgement: exact and reported for effects with a clear λ, false for each case."""
+    """Return the counted results of a judgement: exact and reported for effects with a clear λ, false for each case."""
     of_catalogue = judged.kind not in {"null", "outside"}
     clear = of_catalogue and judged.weakest >= CLEAR and judged.condition != "sibling"
     accused = bool(judged.causes) if judged.condition == "sibling" else judged.detected
@@ -316,8 +315,8 @@ def section() -> list[str]:
 def main(system: str, count: int, others: int, first: int) -> None:
     """Carry out the remaining cases, and print the table."""
     known = {(one.system, one.kind, one.condition, one.seed) for one in kept()}
-    wanted = (*cases(system, count)[first:], *siblings(system, others)[first:])
-    for case in (msgspec.structs.replace(one, seed=one.seed + FIRST_SEED) for one in wanted):
+    planned = (*cases(system, count)[first:], *siblings(system, others)[first:])
+    for case in (msgspec.structs.replace(one, seed=one.seed + FIRST_SEED) for one in planned):
         if (case.system, case.kind, case.condition, case.seed) in known:
             continue
         with KEPT.open("ab") as file:

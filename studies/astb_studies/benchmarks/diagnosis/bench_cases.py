@@ -74,5 +74,5 @@ class BenchCases:
 
 
 def temporary_directory() -> "tempfile.TemporaryDirectory[str]":
-    """Return a directory for one case, which goes with it."""
+    """Return a directory for one case, which is removed after it."""
     return tempfile.TemporaryDirectory(prefix="sealed-")

@@ -42,7 +42,7 @@ ROUND: Final[tuple[tuple[Kind, Condition], ...]] = (
 
 
 class Case(msgspec.Struct, frozen=True):
-    """The key of a case: the same key hides the same again."""
+    """The key of a case: equal keys give equal hidden effects."""
 
     system: str
     kind: Kind
@@ -51,7 +51,7 @@ class Case(msgspec.Struct, frozen=True):
 
 
 def cases(system: str, count: int) -> list[Case]:
-    """Return the first so many cases of a system."""
+    """Return the first ``count`` cases of a system."""
     return [Case(system, *ROUND[i % len(ROUND)], seed=1000 + i) for i in range(count)]
 
 
@@ -61,7 +61,7 @@ def nulls(system: str, count: int, condition: Condition) -> list[Case]:
 
 
 def siblings(system: str, count: int) -> list[Case]:
-    """Return sibling rigs, every other one with an effect in it."""
+    """Return sibling rigs, every second one with a hidden effect."""
     kinds: tuple[Kind, Kind] = ("null", "single")
     return [Case(system, kinds[i % 2], "sibling", seed=200_000 + i) for i in range(count)]
 
@@ -110,27 +110,27 @@ def carry_out(case: Case, effects: tuple[str, ...] | None = None) -> Judged:
             simulator = bench.simulator
     except Exception as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
-        why = f"{type(error).__name__} at {Path(place.filename).name}:{place.lineno}: {error}"
+        reason = f"{type(error).__name__} at {Path(place.filename).name}:{place.lineno}: {error}"
         truth = truth or GroundTruth(seed=case.seed, kind=case.kind, condition=case.condition)
-        return failed(truth, why, system=case.system, elapsed=time.perf_counter() - start)
+        return failed(truth, reason, system=case.system, elapsed=time.perf_counter() - start)
     return judge(finding, truth, simulator, system=case.system, elapsed=time.perf_counter() - start)
 
 
 def run(
-    wanted: Sequence[Case], processes: int, tell: Callable[[Judged, int], None], folder: Path = COUNTED
+    planned: Sequence[Case], processes: int, report: Callable[[Judged, int], None], folder: Path = COUNTED
 ) -> None:
     """Carry out the cases that a folder does not have yet, and store each case there as soon as it is judged."""
     kept = {
         (j.system, j.kind, j.condition, j.seed)
-        for system in {c.system for c in wanted}
+        for system in {c.system for c in planned}
         for j in done(system, folder)
     }
-    left = [c for c in wanted if (c.system, c.kind, c.condition, c.seed) not in kept]
+    left = [c for c in planned if (c.system, c.kind, c.condition, c.seed) not in kept]
     folder.mkdir(parents=True, exist_ok=True)
     for number, judged in enumerate(_carried_out(left, processes)):
         with file_of(judged.system, folder).open("ab") as file:
             file.write(msgspec.json.encode(judged) + b"\n")
-        tell(judged, len(left) - number - 1)
+        report(judged, len(left) - number - 1)
 
 
 def _carried_out(left: Sequence[Case], processes: int) -> Iterator[Judged]:

@@ -72,7 +72,7 @@ class DenseScreening:
         return max(self._places(name), key=lambda i: float(self.z[i]))
 
     def most_visible(self, name: str) -> int:
-        """Return where on its grid most of an effect is left per typical size."""
+        """Return the grid point of an effect with the largest remaining footprint per typical size."""
         return max(self._places(name), key=lambda i: float(self.norm[i]))
 
     def by_chance(self, draws: int, seed: int) -> Array:
@@ -91,7 +91,7 @@ class DenseScreening:
 
 
 def _one_step(effect: Hypothesis, shapes: Sequence[float]) -> dict[str, float]:
-    """Return the numbers of an effect whose amplitude is one step of its difference quotient."""
+    """Return the values of an effect whose amplitude is one step of its difference quotient."""
     amplitude = {effect.amplitude.name: effect.amplitude.difference}
     return amplitude | {p.name: value for p, value in zip(effect.shapes, shapes, strict=True)}
 

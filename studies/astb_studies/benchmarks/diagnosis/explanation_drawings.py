@@ -69,7 +69,7 @@ def _oscillator(hidden: Effects) -> DenseScreening:
 
 
 def footprints(path: Path) -> None:
-    """Two footprints before and after projection on the base model, and the match of the rest with the residuals."""
+    """Draw two footprints before and after projection on the base model, and compare the rest with the residuals."""
     screened = _oscillator({"coulomb": {"amplitude": 0.5}})
     time = 0.01 * np.arange(*WINDOW)
 
@@ -119,7 +119,7 @@ def footprints(path: Path) -> None:
 
 
 def scores(path: Path) -> None:
-    """The scores of all candidates, and the largest that chance would make of them."""
+    """Draw the scores of all candidates, and the largest score that is expected by chance."""
     found = _oscillator({"coulomb": {"amplitude": 0.04}})
     best = sorted((float(found.z[found.best(name)]), name) for name in found.names)
     largest = found.by_chance(20_000, SEED)
@@ -153,7 +153,9 @@ def scores(path: Path) -> None:
 
 
 def one_frequency(path: Path) -> None:
-    """Closed forms: three things that add the same loss at 1.2 Hz and 5 mm, at a tenth of it, and over frequency."""
+    """Draw three causes with the same loss at 1.2 Hz and 5 mm, at a tenth of the amplitude and over frequency (closed
+    forms).
+    """
     omega = 2.0 * np.pi * SINE.frequency
     # A whole cycle after the cycles in which friction settles.
     turns = np.arange(CYCLES * POINTS + 1) / POINTS

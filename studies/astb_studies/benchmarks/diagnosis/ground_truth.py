@@ -67,7 +67,7 @@ class GroundTruth(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def apart(self) -> float:
-        """The weakest of those, next to the next of kin that imitates its effect best."""
+        """The least λ of the parts that the most similar effect cannot imitate."""
         table = LambdaPerUnit.read()
         parts = {name: table.part_apart(name, self._shapes(name)) for name in self.effects}
         return min((lambda_ * parts.get(name, 1.0) for name, lambda_ in self.seen.items()), default=0.0)
@@ -76,7 +76,7 @@ class GroundTruth(msgspec.Struct, frozen=True, kw_only=True):
         return [self.effects[name][shape.name] for shape in find_effect(name)[0].shapes]
 
     def write(self, path: Path) -> None:
-        """Write the file that stays closed until the diagnosis is made."""
+        """Write the file that the judge opens after the diagnosis."""
         path.write_bytes(msgspec.json.encode(self))
 
     @staticmethod
@@ -115,7 +115,7 @@ def draw(seed: int, kind: Kind, condition: Condition = "white") -> GroundTruth:
 
 
 def visible(effect: Effect, per_unit: LambdaPerUnit) -> bool:
-    """Return whether a screening would show an effect: valves that stay shut leave no trace in it at any size.
+    """Return whether a screening can show an effect; for example, valves that stay shut have no influence.
 
     A new effect is not hidden before `lambda_per_unit` has measured how well it shows.
     """

@@ -63,10 +63,10 @@ class Investigated(msgspec.Struct, frozen=True, kw_only=True):
         return bool(set(self.causes) - free) and not set(self.rivals) & set(self.hidden)
 
 
-def hidden_in(seed: int, asked: Asked) -> GroundTruth:
+def hidden_in(seed: int, kind: Asked) -> GroundTruth:
     """Draw the hidden effects of a rig."""
-    if asked != "faint":
-        return draw(seed, asked)
+    if kind != "faint":
+        return draw(seed, kind)
     truth = draw(seed, "near")
     effects = {name: dict(values) for name, values in truth.effects.items()}
     for name, values in effects.items():
@@ -128,9 +128,9 @@ def investigated(case: tuple[int, Asked], budget: str) -> Investigated:
         )
         elapsed = time.perf_counter() - start
         if done.returncode:
-            said = done.stderr.strip() or done.stdout.strip()
-            why = f"exit status {done.returncode}: {said.rpartition(chr(10))[2]}"
-            return msgspec.structs.replace(known, failure=why, elapsed=elapsed)
+            output = done.stderr.strip() or done.stdout.strip()
+            failure = f"exit status {done.returncode}: {output.rpartition(chr(10))[2]}"
+            return msgspec.structs.replace(known, failure=failure, elapsed=elapsed)
         log = msgspec.json.decode((out / LOG).read_bytes(), type=Investigation)
     last = log.steps[-1]
     return msgspec.structs.replace(

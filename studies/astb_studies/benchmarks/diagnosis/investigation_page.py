@@ -99,9 +99,9 @@ def _row(figure: Figure) -> str:
 
 
 def _line(one: Investigated) -> str:
-    said = f"{one.verdict}: {', '.join(one.causes)}" if one.causes else one.verdict
+    result = f"{one.verdict}: {', '.join(one.causes)}" if one.causes else one.verdict
     if one.rivals:
-        said += f" or {', '.join(one.rivals)}"
+        result += f" or {', '.join(one.rivals)}"
     hidden = f"{', '.join(one.hidden)} ({one.weakest:.3g})" if one.hidden else "nothing"
     runs = ", ".join(one.plans)
-    return f"| {one.seed} | {one.kind} | {hidden} | {one.first} | {runs} | {one.failure or said} |"
+    return f"| {one.seed} | {one.kind} | {hidden} | {one.first} | {runs} | {one.failure or result} |"

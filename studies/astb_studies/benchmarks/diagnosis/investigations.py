@@ -25,14 +25,14 @@ INVESTIGATIONS: Final = COUNTED / "investigations.jsonl"
 
 
 def count(
-    wanted: Sequence[tuple[int, Asked]],
+    planned: Sequence[tuple[int, Asked]],
     processes: int,
     kept: Path,
-    tell: Callable[[str], None],
+    report: Callable[[str], None],
     budget: str = BUDGET,
 ) -> None:
     """Investigate the cases that ``kept`` does not have yet, and append each result at once."""
-    cases = {f"{kind} {seed}": (seed, kind) for seed, kind in wanted}
+    cases = {f"{kind} {seed}": (seed, kind) for seed, kind in planned}
     left = {key: case for key, case in cases.items() if key not in {f"{o.kind} {o.seed}" for o in read(kept)}}
     if not left:
         return
@@ -46,7 +46,7 @@ def count(
             what = one.value or Investigated(seed=seed, kind=kind, hidden=[], weakest=0.0, failure=one.error)
             with kept.open("ab") as file:
                 file.write(msgspec.json.encode(what) + b"\n")
-            tell(
+            report(
                 f"{one.key}: {', '.join(what.hidden) or 'nothing'} → {what.failure or what.verdict} {what.causes}"
             )
 
@@ -68,9 +68,9 @@ def read(kept: Path) -> list[Investigated]:
     "--page", type=click.Path(path_type=Path), help="Where the page is written; else among the docs."
 )
 def main(number: int, processes: int, budget: str, first_seed: int, kept: Path, page: Path | None) -> None:
-    """Investigate sealed rigs of which nothing is known yet; print and write down how often the end was right."""
-    wanted = [(first_seed + i, ROUND[i % len(ROUND)]) for i in range(number)]
-    count(wanted, processes, kept, click.echo, budget)
+    """Investigate sealed rigs without a result yet; print and store the rates of right results."""
+    planned = [(first_seed + i, ROUND[i % len(ROUND)]) for i in range(number)]
+    count(planned, processes, kept, click.echo, budget)
     for line in summary(read(kept)):
         click.echo(line)
     # The page in the docs shows only the results kept in the repository.

@@ -67,9 +67,9 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def in_family(self) -> bool:
         """Whether the finding names a phenomenon that includes the hidden effects, but leaves its law open."""
-        told = {*self.causes, *self.rivals, *self.laws}
+        named = {*self.causes, *self.rivals, *self.laws}
         open_ = bool(self.rivals or self.laws)
-        return open_ and set(self.hidden) <= told <= {*self.hidden, *self.near}
+        return open_ and set(self.hidden) <= named <= {*self.hidden, *self.near}
 
     @property
     def wrong_law(self) -> bool:
@@ -98,23 +98,23 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def amiss(self) -> str:
         """The error of the finding in a few words; "" if there is none."""
-        said = f"{self.verdict}: {', '.join(self.causes)}" if self.causes else self.verdict
+        finding = f"{self.verdict}: {', '.join(self.causes)}" if self.causes else self.verdict
         if self.rivals:
-            said += f" or {', '.join(self.rivals)}"
+            finding += f" or {', '.join(self.rivals)}"
         if self.laws:
-            said += f", as one law of several with {', '.join(self.laws)}"
+            finding += f", as one law of several with {', '.join(self.laws)}"
         if self.suspects:
-            said += f", near: {', '.join(self.suspects)}"
+            finding += f", near: {', '.join(self.suspects)}"
         if self.failure:
             return f"no finding: {self.failure}"
         if self.kind == "null":
             # A detection on a sibling is right, because its form differs from the model.
             wrong = self.causes if self.condition == "sibling" else self.detected
-            return f"false alarm: {said}" if wrong else ""
+            return f"false alarm: {finding}" if wrong else ""
         if self.wrong:
-            return f"wrong cause: {said}"
+            return f"wrong cause: {finding}"
         far = [d for d in self.deviations if abs(d) > FAR]
-        missed = f"{said}, off by {far[0]:.3g} standard deviations" if far else ""
+        missed = f"{finding}, off by {far[0]:.3g} standard deviations" if far else ""
         if self.condition == "sibling":
             return missed  # a form that is not that of the model may cost the name
         if self.weakest < CLEAR:
@@ -122,7 +122,7 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
         if not self.detected:
             return "not seen"
         if self.kind != "outside" and not self.reported:
-            return f"not reported: {said}"
+            return f"not reported: {finding}"
         return missed
 
 
@@ -134,11 +134,11 @@ def judge(
     errors, deviations = [], []
     for cause in right:
         parameter = simulator.catalogue[cause.effect].amplitude
-        told = next(one for one in cause.parameters if one.name == parameter.name)
+        estimate = next(one for one in cause.parameters if one.name == parameter.name)
         value = truth.effects[cause.effect][parameter.name] / parameter.scale
-        if told.value is not None:
-            errors.append(told.value / value - 1.0)
-        deviations += _deviation(told, value)
+        if estimate.value is not None:
+            errors.append(estimate.value / value - 1.0)
+        deviations += _deviation(estimate, value)
     scales = {nuisance.name: nuisance.scale for nuisance in simulator.nuisances}
     base = [
         (shift.after - truth.base[shift.name] / scales[shift.name]) / shift.sd_after
@@ -164,9 +164,9 @@ def judge(
     )
 
 
-def failed(truth: GroundTruth, why: str, *, system: str, elapsed: float = 0.0) -> Judged:
+def failed(truth: GroundTruth, reason: str, *, system: str, elapsed: float = 0.0) -> Judged:
     """Return the case without a finding."""
-    return msgspec.structs.replace(_hidden(truth, system, elapsed), failure=why)
+    return msgspec.structs.replace(_hidden(truth, system, elapsed), failure=reason)
 
 
 def _hidden(truth: GroundTruth, system: str, elapsed: float) -> Judged:
@@ -191,14 +191,14 @@ def _hidden(truth: GroundTruth, system: str, elapsed: float) -> Judged:
 
 
 def covered(deviations: Sequence[float], level: float) -> int:
-    """How many of the deviations lie within the interval of a level."""
+    """Return the number of deviations within the interval of a level."""
     half = NormalDist().inv_cdf(0.5 + 0.5 * level)
     return sum(abs(one) <= half for one in deviations)
 
 
-def _deviation(told: Estimate, value: float) -> list[float]:
+def _deviation(estimate: Estimate, value: float) -> list[float]:
     """Return the error of an estimate, scaled so that the end of its 95 % interval is 1.96."""
-    if told.value is None or told.low is None or told.high is None:
+    if estimate.value is None or estimate.low is None or estimate.high is None:
         return []
-    half = told.high - told.value if value > told.value else told.value - told.low
-    return [Z95 * (told.value - value) / half] if half > 0.0 else []
+    half = estimate.high - estimate.value if value > estimate.value else estimate.value - estimate.low
+    return [Z95 * (estimate.value - value) / half] if half > 0.0 else []

@@ -1,4 +1,4 @@
-"""How well a screening shows each effect: a table of λ per unit of its amplitude, in which sizes are drawn.
+"""Detectability of each effect in a screening: a table of λ per unit of amplitude, from which sizes are drawn.
 
 ``python -m astb_studies.benchmarks.diagnosis.lambda_per_unit RECORD``
 makes it again; it changes only with the model and the plan.
@@ -67,11 +67,11 @@ class LambdaPerUnit(msgspec.Struct, frozen=True):
         return self.effects[name][_nearest(self.effects[name], shapes)][1]
 
     def part_apart(self, name: str, shapes: Sequence[float]) -> float:
-        """Return which part of its λ an effect keeps next to its next of kin; 1 if it has none."""
+        """Return the fraction of λ that the most similar effect cannot imitate; 1 without a similar one."""
         return self.apart[name][_nearest(self.apart[name], shapes)][1] if name in self.apart else 1.0
 
     def part_seen(self, name: str, shapes: Sequence[float], condition: str) -> float:
-        """Return which part of its λ in white noise an effect has in that of a condition."""
+        """Return the ratio of the λ of an effect in the noise of a condition to that in white noise."""
         if condition == "frames lost":
             return float(np.sqrt(1.0 - LOST))
         parts = self.in_noise.get(condition)
@@ -142,7 +142,7 @@ def measured_on(directory: Path) -> LambdaPerUnit:
 
 
 def _finely(effect: Hypothesis) -> list[Candidate]:
-    """Return the candidates of an effect all over the range of its grid."""
+    """Return the candidates of an effect on a fine grid over the same range."""
     ends = zip(np.min(effect.grid, axis=0), np.max(effect.grid, axis=0), strict=True)
     count = _FINER[len(effect.shapes)]
     axes = [np.unique(np.geomspace(low, high, count)).tolist() for low, high in ends]

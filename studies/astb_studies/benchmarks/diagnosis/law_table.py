@@ -24,7 +24,7 @@ def outcome(judged: Judged) -> str:
 
 
 def law_table(judged: Sequence[Judged]) -> list[str]:
-    """Return the lines of the table, of single effects and near misses that have next of kin."""
+    """Return the lines of the table, for single effects and near misses with similar effects."""
     clear = [j for j in judged if len(j.hidden) == 1 and j.near and j.weakest >= CLEAR]
     rows = {}
     for name in sorted({_bare(j.hidden[0]) for j in clear}):

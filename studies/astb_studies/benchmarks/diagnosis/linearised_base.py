@@ -1,4 +1,4 @@
-"""λ of something hidden: the norm of its footprint once the base model is refitted, in a given noise."""
+"""λ of a hidden effect: the norm of its footprint after the base model is refitted, in a given noise."""
 
 from collections.abc import Callable, Sequence
 
@@ -62,7 +62,7 @@ class LinearisedBase:
         return float(np.sqrt(max(own - imitated.max(initial=0.0), 0.0)))
 
     def parts_apart(self, entries: Sequence[Candidate], others: Sequence[Candidate]) -> list[float]:
-        """Return which part of its λ each candidate keeps next to the one of ``others`` that imitates it best."""
+        """Return the part of the λ of each candidate that the most similar one of ``others`` cannot imitate."""
         together = [*entries, *others]
         steps = [neighbour(c.added_to(self._point), len(self._point.numbers)) for c in together]
         columns = self._differences(steps)

@@ -19,6 +19,6 @@ NEAR: Final[Mapping[str, frozenset[str]]] = {
 
 
 def kin(name: str) -> list[str]:
-    """The next of kin of an effect at the same place."""
+    """Return the effects similar to one effect, at the same place."""
     kind, _, place = name.partition(".")
     return [f"{other}.{place}" if place else other for other in NEAR.get(kind, ())]

@@ -24,8 +24,8 @@ LOST: Final = 0.1
 def of_twelve_bits(bench: Parameters) -> NDArray[np.float64]:
     """Return the resolutions (SENSORS,) of sensors with coarse converters, in whole steps of the wire.
 
-    Other steps would be rounded twice, and the sum of both errors is a sawtooth over kilonewtons, ± 12.5 N at the load
-    cells: a sensor that is not straight, and no noise.
+    Other steps would be rounded twice. The sum of both errors is a sawtooth over kilonewtons, ± 12.5 N at the load
+    cells. This is a nonlinearity of the sensor, not noise.
     """
     span = bench.entries["sensor_high"].value - bench.entries["sensor_low"].value
     coarse = bench.entries["sensor_resolution"].value.copy()

@@ -1,4 +1,4 @@
-"""Oscillators with something hidden in them: cases of the benchmark that take a second each."""
+"""Oscillators with hidden effects: cases of the benchmark that take one second each."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -47,7 +47,7 @@ COLOURS: Final[dict[Condition, float]] = {"AR 0.6": 0.6, "AR 0.9": 0.9}
 
 @dataclass(frozen=True)
 class FinelyIntegrated(Oscillator):
-    """The same oscillator, integrated in a quarter of the step; its drive is a line between samples in both.
+    """The same oscillator, integrated with a quarter of the step; its drive is linear between samples in both.
 
     ``form`` has the additional terms of a sibling.
     """
@@ -150,7 +150,9 @@ class OscillatorCases:
         return []
 
     def _rough(self, seed: int) -> Array:
-        """A smooth random force over x and v, less what the base model would absorb: that is its own stiffness."""
+        """Return a smooth random force over x and v, without the part that a changed stiffness of the base model
+        describes.
+        """
         chance = np.random.default_rng([seed, 77]).standard_normal(SURFACE_SHAPE[0] * SURFACE_SHAPE[1])
         absorbed = self._absorbed
         return (chance - np.linalg.pinv(absorbed) @ absorbed @ chance).reshape(SURFACE_SHAPE)

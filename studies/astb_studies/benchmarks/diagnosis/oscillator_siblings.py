@@ -41,7 +41,7 @@ def _warming(t: Array, x: Array, v: Array) -> Array:
 
 
 def _seating(t: Array, x: Array, v: Array) -> Array:
-    """A spring whose seat moves, by up to 1 N, to where the last two turning points had their middle."""
+    """A spring whose seat moves, by up to 1 N, toward the middle of the last two turning points."""
     turns = np.flatnonzero(v[1:] * v[:-1] < 0.0) + 1
     levels = np.concatenate(([0.0, 0.0], np.tanh(0.5 * (x[turns][1:] + x[turns][:-1]) / _MOVED)))
     return levels[np.searchsorted(turns, np.arange(len(t)), side="right")]
@@ -63,7 +63,7 @@ def run(
     parameters: Mapping[str, float],
     effects: Effects,
 ) -> Array:
-    """Run an ``oscillator`` that has so much of each ``form`` in it."""
+    """Run an ``oscillator`` with the given size of each ``form``."""
     outputs = oscillator.run(experiment, parameters, effects)
     for _ in range(_ROUNDS if form else 0):
         x = outputs[:, 0]

@@ -146,7 +146,7 @@ def _named_cause(judged: Judged) -> str:
 
 
 def save(figure: "Figure", path: Path) -> None:
-    """Write a drawing that is the same whenever it is made again."""
+    """Write a drawing whose bytes depend only on its content."""
     path.parent.mkdir(parents=True, exist_ok=True)
     plain_numbers(figure)
     figure.savefig(path, format="svg", metadata={"Date": None}, facecolor="white")

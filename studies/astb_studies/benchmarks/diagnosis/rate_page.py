@@ -120,11 +120,13 @@ meets it.
 """
 
 
-def write(kept: Mapping[str, Sequence[Judged]], asked: Mapping[str, int]) -> Path:
-    """Write the page and its drawings from the ``kept`` of the ``asked`` cases of each system; return its path."""
+def write(kept: Mapping[str, Sequence[Judged]], planned: Mapping[str, int]) -> Path:
+    """Write the page and its drawings from the ``kept`` of the ``planned`` cases of each system; return its path."""
     good = {system: [j for j in cases if not j.failure] for system, cases in kept.items()}
     lines = [_INTRODUCTION]
-    lines += [f"* {system}: {len(cases)} of {asked[system]} cases counted" for system, cases in kept.items()]
+    lines += [
+        f"* {system}: {len(cases)} of {planned[system]} cases counted" for system, cases in kept.items()
+    ]
     lines += [f"* {key}: {value}" for key, value in machine().items()]
     lines += [
         "",
@@ -246,7 +248,7 @@ def _detection(single: Sequence[Judged]) -> list[str]:
 
 
 def _pairs(pairs: Sequence[Judged]) -> list[str]:
-    """Return how often both of two causes are reported, by how much larger the λ of one is."""
+    """Return the rates at which both of two causes are reported, by the ratio of their λ."""
     rows = []
     for low, high in pairwise(RATIOS):
         among = [j for j in pairs if low <= max(j.strongest, j.weakest) / j.weakest < high]
@@ -390,8 +392,8 @@ def _failures(kept: Mapping[str, Sequence[Judged]]) -> list[str]:
     lines = ["| system | seed | kind, condition | hidden (λ) | said |", "|---|---|---|---|---|"]
     for system, judged in kept.items():
         for j in sorted(judged, key=lambda j: (j.kind, j.condition, j.seed)):
-            if said := j.amiss:
+            if error := j.amiss:
                 hidden = ", ".join(j.hidden) or ("not opened" if j.failure else "nothing")
                 size = f" ({j.weakest:.3g})" if j.hidden else ""
-                lines.append(f"| {system} | {j.seed} | {j.kind}, {j.condition} | {hidden}{size} | {said} |")
+                lines.append(f"| {system} | {j.seed} | {j.kind}, {j.condition} | {hidden}{size} | {error} |")
     return lines if len(lines) > 2 else ["None."]

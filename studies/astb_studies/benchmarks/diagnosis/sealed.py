@@ -33,7 +33,7 @@ from test_plans.plan import Plan
 
 
 class ScreeningFailed(RuntimeError):
-    """The rig did not get through the plan: there is no record to diagnose."""
+    """The rig did not complete the plan, so there is no record to diagnose."""
 
 
 def parameters_of(truth: GroundTruth) -> Parameters:
@@ -87,7 +87,7 @@ class Coloured:
 
 @contextlib.contextmanager
 def bench_of(truth: GroundTruth, plan: Callable[[Rig], None] = lambda _: None) -> Iterator[Bench]:
-    """Yield a connected bench on the rig of a truth, in memory and virtual time; ``plan`` plans what happens to it."""
+    """Yield a connected bench on the rig of a truth, in memory and virtual time; ``plan`` schedules its faults."""
     rig = Rig(parameters_of(truth), seed=truth.seed)
     plan(rig)
     run: Callable[[int], Block] = rig.run
@@ -118,7 +118,7 @@ def measure(truth: GroundTruth, out: Path, plan: Plan | None = None) -> None:
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Directory of the record.")
 @click.option("--truth", "sealed", type=click.Path(path_type=Path), required=True, help="File for the judge.")
 def main(seed: int, kind: Kind, condition: Condition, out: Path, sealed: Path) -> None:
-    """Hide something in a bench, drawn from SEED, and screen it."""
+    """Hide effects in a bench, drawn from SEED, and screen it."""
     truth = draw(seed, kind, condition)
     truth.write(sealed)
     measure(truth, out)

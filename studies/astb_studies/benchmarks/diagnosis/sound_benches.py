@@ -135,7 +135,7 @@ def main(rigs: int, processes: int, named: str) -> None:
 
 
 def _kept(part: str, others: Sequence[str]) -> dict[str, str]:
-    """Return the rows that a part of the table has of all effects but some ``others``."""
+    """Return the rows of a part of the table, without those of the effects ``others``."""
     lines = SOUND.read_text(encoding="utf-8").partition(f"[{part}]\n")[2].partition("\n\n")[0].splitlines()
     rows = (line.partition(" = ") for line in lines)
     return {name: row for name, _, row in rows if name not in others}

@@ -43,7 +43,7 @@ def _flow(shape: Callable[[Any, Any], Any]) -> dict[str, Any]:
 
 
 def _centres(low: float, high: float, count: int) -> Array:
-    """Where quadratic splines on uniform knots have their middles."""
+    """Return the centres of quadratic splines on uniform knots."""
     cells = count - 2
     return low + (high - low) * (np.arange(count) - 0.5) / cells
 
@@ -59,7 +59,7 @@ def one_way(size: float) -> dict[str, Any]:
 
 
 def buckle(size: float) -> dict[str, Any]:
-    """A bellows that buckles when it is pressed together, F ∝ z² below design height, and does not above."""
+    """A bellows that buckles under compression: F ∝ z² below design height, 0 above."""
     return _force(lambda x, v: -size * (np.minimum(x, 0.0) / 0.01) ** 2)
 
 

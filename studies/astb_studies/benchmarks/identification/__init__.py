@@ -1,1 +1,1 @@
-"""How often the intervals of an identification hold, for springs that are drawn and measured through the wires."""
+"""Coverage of the confidence intervals of an identification, for drawn springs measured through CAN and Modbus."""

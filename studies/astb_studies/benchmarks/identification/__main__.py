@@ -1,4 +1,4 @@
-"""``python -m astb_studies.benchmarks.identification``: how often the intervals of `astb identify` hold.
+"""``python -m astb_studies.benchmarks.identification``: coverage of the intervals of `astb identify`.
 
 Springs are drawn from the prior. The plan `identification` measures a virtual rig through its buses; the rig has
 its own sensor errors. The identified parameters are compared with the drawn ones. Each pair of springs adds one line
@@ -36,10 +36,10 @@ def drawn(seed: int) -> Parameters:
     chance, parameters = np.random.default_rng(seed), load("astb")
     values: dict[str, Any] = {}
     tail = ndtr(-FURTHEST)
-    for name, asked in ASKED.items():
+    for name, prior in ASKED.items():
         away = ndtri(chance.uniform(tail, 1.0 - tail, size=2))
         values[name] = np.asarray(parameters.entries[name].value) * (
-            1.0 + asked.spread * (away if asked.each else away[0])
+            1.0 + prior.spread * (away if prior.each else away[0])
         )
     return parameters.with_values(**values)
 
@@ -105,9 +105,8 @@ def report(lines: list[dict[str, Any]]) -> None:
 
 
 def coverage(pairs: list[dict[str, Any]]) -> tuple[float, float]:
-    """Return which part of all intervals holds, and the half width of its 95 % interval.
-
-    Errors of one pair of springs go together, so pairs are the sample and not intervals.
+    """Return the fraction of intervals that contain the true value, and the half width of its 95 % interval.  Errors of
+    one pair of springs are correlated, so the pairs are the sample.
     """
     held = [
         np.mean([abs(value - true) < Z95 * deviation for true, value, deviation, _ in one["rows"].values()])

@@ -45,7 +45,7 @@ def kept(file: Path) -> list[Counted]:
 
 
 def all_counted() -> list[Counted]:
-    """Return all that was ever counted and is kept."""
+    """Return all stored results."""
     return [one for name in _CASES for one in kept(_COUNTED / f"{name}.jsonl")]
 
 
@@ -59,7 +59,7 @@ def all_counted() -> list[Counted]:
     help="File of results, else the one that is kept.",
 )
 def main(what: str, wanted: int, seed: int, out: Path | None) -> None:
-    """Count sound or faulty rigs, these also in real time, or write the page of all that was counted."""
+    """Count fault-free or faulty rigs (the latter also in real time), or write the page of all results."""
     if what == "page":
         write(all_counted())
         return

@@ -67,12 +67,12 @@ class Case(msgspec.Struct, frozen=True):
 
     @property
     def until(self) -> float:
-        """When (s) the run is stopped, some time after the last thing began or ended."""
+        """End (s) of the run, some time after the last start or end of an effect."""
         return max(self.at, self.gone, self.second_at) + GOES_ON
 
 
 def sound(count: int, seed: int) -> Iterator[Case]:
-    """Yield as many sound rigs."""
+    """Yield ``count`` fault-free rigs."""
     rng = np.random.default_rng([seed, 0])
     for _ in range(count):
         values: dict[str, str] = {}
@@ -94,7 +94,7 @@ def sound(count: int, seed: int) -> Iterator[Case]:
 
 
 def faulty(count: int, seed: int) -> Iterator[Case]:
-    """Yield as many rigs in which an effect begins: each of the catalogue in turn, its sizes, and both ways."""
+    """Yield ``count`` rigs in which an effect begins: all effects and sizes in turn, as a step and as a ramp."""
     rng = np.random.default_rng([seed, 1])
     names = [name for name, effect in CATALOGUE.items() if effect.diagnosable and name not in _NOT_BEGUN]
     for k in range(count):
@@ -116,7 +116,7 @@ def faulty(count: int, seed: int) -> Iterator[Case]:
 
 
 def harder(count: int, seed: int) -> Iterator[Case]:
-    """Yield as many rigs with two effects, with one that is gone again, and siblings with one, in turn."""
+    """Yield ``count`` rigs: in turn with two effects, with an effect that ends, and siblings with one effect."""
     rng = np.random.default_rng([seed, 2])
     ones, others = (
         (one for one in faulty(100 * count, place) if one.step and one.plan != "leveling" and not one.creeps)
@@ -144,7 +144,7 @@ def _apart(name: str, other: str) -> bool:
 
 
 def live(count: int, seed: int) -> Iterator[Case]:
-    """Yield as many faulty rigs for real time: large effects, soon after a plan has begun, where they are judged."""
+    """Yield ``count`` faulty rigs for real time, with large effects that begin early in a judged part of the plan."""
     large = (one for one in faulty(100 * count, seed) if one.step and one.plan in _LIVE)
     for case in islice(large, count):
         first, last = PLANS[case.plan]

@@ -29,20 +29,20 @@ _LOOK: Final = 0.05
 
 def count_live(case: Case) -> Counted:
     """Run a case in real time, and return the results of its twin with their times."""
-    wanted = msgspec.structs.replace(case, at=case.at + _BEGINS)
-    serving = ("astb_studies.benchmarks.twin.serving", msgspec.json.encode(wanted).decode())
+    shifted = msgspec.structs.replace(case, at=case.at + _BEGINS)
+    serving = ("astb_studies.benchmarks.twin.serving", msgspec.json.encode(shifted).decode())
     with tempfile.TemporaryDirectory() as folder, rig_of_its_own(serving) as (file, modbus):
         command = ("run", case.plan, "--watch", "--rig", str(file), "--out", folder)
         values = [f"--set={name}={value}" for name, value in case.values.items()]
         place = Path(folder) / case.plan
         seen: list[tuple[float, float, float]] = []
         with child(sys.executable, "-m", "astb", *command, *values) as test:
-            late = lateness_during(modbus, lambda: seen.append(_when(test, place, wanted.at)))
+            late = lateness_during(modbus, lambda: seen.append(_when(test, place, shifted.at)))
         record, story = read(place), read_twin(place)
         assert story is not None, "no twin has said anything"
-        at = round(wanted.at - _ahead(record), 2)
-        told, explained, began = seen[0]
-        after = [None if math.isinf(one) else round(one - began - at, 2) for one in (told, explained)]
+        at = round(shifted.at - _ahead(record), 2)
+        detected, explained, began = seen[0]
+        after = [None if math.isinf(one) else round(one - began - at, 2) for one in (detected, explained)]
         live = Live(after[0], after[1], round(late.late), round(late.tail, 2))
         case = msgspec.structs.replace(case, at=at)
         return Counted(case, round(story.judged_for, 1), shortened(story, case), None, live)
@@ -53,21 +53,21 @@ def _when(test: Any, directory: Path, at: float) -> tuple[float, float, float]:
 
     Detections before the start of the effect, ``at`` s of the rig's time, do not count.
     """
-    told = explained = math.inf
+    detected = explained = math.inf
     with Follower(directory) as follower:
         while test.poll() is None:
             now = time.monotonic()
             if story := follower.look():
                 since = at - (_ahead(follower.record) if follower.record else 0.0)
                 late = [one for one in story.all_deviations if one.detected >= since]
-                told = min(told, now if late else math.inf)
+                detected = min(detected, now if late else math.inf)
                 explained = min(explained, now if any(one.searched for one in late) else math.inf)
             time.sleep(_LOOK)
         test.communicate()
-        return told, explained, follower.began
+        return detected, explained, follower.began
 
 
 def _ahead(record: Record) -> float:
-    """By how many s the rig's time is ahead of a record's."""
+    """Return the rig's time at the start of a record (s)."""
     times, ticks = record.series("rig.tick")
     return float(np.median(ticks * TICK - times))

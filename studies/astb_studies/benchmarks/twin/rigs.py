@@ -47,20 +47,20 @@ def begin(rig: Rig, case: Case) -> None:
         return
     rig.faults.plan(PlannedFault("estop", {}, case.until + _LATER, None))
     changes: list[tuple[float, str, float]] = []  # when, which effect, and its size from then on
-    for effect, size, at, gone in (
+    for effect, size, at, end in (
         (case.effect, case.size, case.at, case.gone),
         (case.second, case.second_size, case.second_at, 0.0),
     ):
         kind, _, place = effect.partition(".")
         if kind == _DRIFT:
             values = {"sensor": f"{place}.bellows_pressure", "value": f"{size} Pa/s"}
-            rig.faults.plan(PlannedFault("drift", values, at, gone - at if gone else None))
+            rig.faults.plan(PlannedFault("drift", values, at, end - at if end else None))
             continue
         if effect:
             steps = max(round(case.creeps / _STEP), 1)
             changes += [(at + k * _STEP, effect, size * (k + 1) / steps) for k in range(steps)]
-        if gone:
-            changes.append((gone, effect, 0.0))
+        if end:
+            changes.append((end, effect, 0.0))
     sound = rig.plant.parameter_array[0].copy()
     before, present = sound, dict[str, float]()
     for at, effect, size in sorted(changes, key=itemgetter(0)):

@@ -21,9 +21,9 @@ from bench_sim.rig.rig import Rig
 )
 def main(case: str, file: Path) -> None:
     """Serve the rig of a CASE (JSON), and start its effect at its time."""
-    wanted, ports = msgspec.json.decode(case, type=Case), read(file)
-    rig = Rig(load("astb"), seed=wanted.seed)
-    begin(rig, wanted)
+    served, ports = msgspec.json.decode(case, type=Case), read(file)
+    rig = Rig(load("astb"), seed=served.seed)
+    begin(rig, served)
     run_rig(
         rig,
         can="tcp",

@@ -53,13 +53,13 @@ class Counted(msgspec.Struct, frozen=True, rename={"all_deviations": "partings"}
 
     @property
     def one_of_two(self) -> bool:
-        """Whether an effect is one of two causes that are reported only together, and the other one is not there."""
+        """Whether an effect is one of two causes that are reported only together, and the other one is not present."""
         pairs = self.first_deviation.pairs if self.first_deviation else ()
         return not self.both and any(self._true(one) for pair in pairs for one in pair)
 
     @property
     def both(self) -> bool:
-        """Whether two causes are reported together that both are there."""
+        """Whether two causes are reported together, and both are present."""
         case, pairs = self.case, self.first_deviation.pairs if self.first_deviation else ()
         return bool(case.second) and any(
             alike(a.name, one) and alike(b.name, two)
@@ -77,7 +77,7 @@ class Counted(msgspec.Struct, frozen=True, rename={"all_deviations": "partings"}
 
     @property
     def unknown(self) -> bool:
-        """Whether it was reported without any cause."""
+        """Whether the deviation was reported without any cause."""
         return (
             self.first_deviation is not None
             and not self.first_deviation.causes
@@ -100,7 +100,7 @@ def alike(name: str, other: str) -> bool:
 
 
 def shortened(story: TwinStory, case: Case) -> tuple[Deviation, ...]:
-    """Return the partings of a story that count for a case, without their courses and sentences."""
+    """Return the deviations that count for a case, without their time series and sentences."""
     until = case.until if case.effect else float("inf")
     return tuple(
         msgspec.structs.replace(
@@ -162,7 +162,7 @@ def _sound(sound: Sequence[Counted]) -> list[str]:
 
 
 def _in_a_hundred(count: int, hours: float) -> str:
-    """How many in 100 h, with the exact interval of a Poisson number."""
+    """Return a number per 100 h, with the exact interval of a Poisson variable."""
     if not hours:
         return "–"
     low = float(gamma.ppf(0.025, count)) if count else 0.0
@@ -217,8 +217,8 @@ def _harder(harder: Sequence[Counted]) -> list[str]:
     ]
     for kind, (of_kind, own) in kinds.items():
         some = [one for one in harder if of_kind(one.case)]
-        asked = {name: of for name, of in rows.items() if some and name in (*dict(_ROWS), *own)}
-        rates = (str(Rate.of([asked[name](one) for one in some])) if name in asked else "–" for name in rows)
+        shown = {name: of for name, of in rows.items() if some and name in (*dict(_ROWS), *own)}
+        rates = (str(Rate.of([shown[name](one) for one in some])) if name in shown else "–" for name in rows)
         lines.append(f"| {kind} | {len(some)} | {' | '.join(rates)} |")
     return lines
 

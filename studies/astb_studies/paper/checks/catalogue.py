@@ -48,8 +48,8 @@ def select(ids: Iterable[str] | None = None) -> list[int]:
     """Return the places in `CHECKS` of the given ids, all of them for None; KeyError for an unknown id."""
     if ids is None:
         return list(range(len(CHECKS)))
-    wanted = set(ids)
-    unknown = wanted - {check.id for check in CHECKS}
+    given = set(ids)
+    unknown = given - {check.id for check in CHECKS}
     if unknown:
         raise KeyError(f"there is no check {sorted(unknown)[0]}; the checks are T1 to T11 and A01 to A30")
-    return [place for place, check in enumerate(CHECKS) if check.id in wanted]
+    return [place for place, check in enumerate(CHECKS) if check.id in given]

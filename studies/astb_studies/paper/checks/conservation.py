@@ -39,7 +39,9 @@ def mass_balance(subject: Subject) -> CheckOutcome:
     "plant", "relative < 1e-6; 199 J per cycle ±2 % (AW3, 10 mm, 1 Hz)"
 )
 def energy_balance(subject: Subject) -> CheckOutcome:
-    """Energy of the gas against heat and work in the same motion; what the orifice adds in ten adiabatic cycles."""
+    """Energy of the gas compared with heat and work in the same motion, and the orifice loss per cycle from ten
+    adiabatic cycles.
+    """
     worst = 0.0
     for load in LOADS:
         course = _sealed_course(subject, load)

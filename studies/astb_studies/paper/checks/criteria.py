@@ -1,4 +1,4 @@
-"""What the checks ask of numbers and series, and how they write series."""
+"""Criteria of the checks for numbers and series, and the text form of a series."""
 
 from typing import Any
 
@@ -6,12 +6,12 @@ import numpy as np
 
 
 def within(value: float, low: float, high: float) -> bool:
-    """Show whether low ≤ value ≤ high; nothing that is not a number is."""
+    """Return whether low ≤ value ≤ high; False for NaN."""
     return bool(low <= value <= high)
 
 
 def near(value: float, expected: float, share: float) -> bool:
-    """Show whether a value lies within ± ``share`` of the expected value."""
+    """Return whether a value lies within ± ``share`` of the expected value."""
     return bool(abs(value - expected) <= share * abs(expected))
 
 
@@ -22,15 +22,15 @@ def maxima(values: Any) -> list[int]:
 
 
 def falls(values: Any) -> bool:
-    """Show whether a series falls strictly."""
+    """Return whether a series falls strictly."""
     return bool(np.all(np.diff(values) < 0.0))
 
 
 def rises(values: Any) -> bool:
-    """Show whether a series rises strictly."""
+    """Return whether a series rises strictly."""
     return bool(np.all(np.diff(values) > 0.0))
 
 
 def listed(values: Any, form: str = ".1f") -> str:
-    """Write one number after the other, with slashes between."""
+    """Return the numbers as text, separated by slashes."""
     return " / ".join(format(float(value), form) for value in values)

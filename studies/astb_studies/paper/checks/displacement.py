@@ -1,4 +1,4 @@
-"""Effective area, volume and lateral stiffness of springs that stand aside."""
+"""Effective area, volume and lateral stiffness of laterally displaced springs."""
 
 from typing import Any, Final
 

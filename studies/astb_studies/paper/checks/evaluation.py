@@ -31,9 +31,9 @@ def evaluate_all(
     process. KeyError for an unknown id.
     """
     places = select(ids)
-    asked = subject or Subject()
+    changed = subject or Subject()
     parts = _parts(places)
-    arguments = dict(asked.plant), dict(asked.paper), dict(asked.car), quick or asked.quick
+    arguments = dict(changed.plant), dict(changed.paper), dict(changed.car), quick or changed.quick
     entries: dict[int, dict[str, Any]] = {}
 
     def ready(found: dict[int, dict[str, Any]]) -> None:

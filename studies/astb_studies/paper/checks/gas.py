@@ -52,13 +52,13 @@ def static_pressure(subject: Subject) -> CheckOutcome:
 )
 def slow_stiffness(subject: Subject) -> CheckOutcome:
     """Vertical stiffness in one cycle of an hour, ±1 mm."""
-    found, wanted = {}, {}
+    found, expected = {}, {}
     for load in LOADS:
         plant = subject.resting(load, *BARE)
         par = plant.parameters
-        wanted[load] = closed_form(par, par.bellows_volume[0] + par.auxiliary_volume[0], 1.0)
+        expected[load] = closed_form(par, par.bellows_volume[0] + par.auxiliary_volume[0], 1.0)
         found[load] = dynamic_stiffness(plant, 1 * mm, 3e-4, 1, longest_step=10e-3)[0].real
-    return _against_closed_form(found, wanted, 0.01)
+    return _against_closed_form(found, expected, 0.01)
 
 
 @Claim("A03", "Very fast: K = κ p A²/V_b − p_g A_1", "derivative of p(V)·A(ζ), adiabatic").on(
@@ -66,30 +66,30 @@ def slow_stiffness(subject: Subject) -> CheckOutcome:
 )
 def fast_stiffness(subject: Subject) -> CheckOutcome:
     """Vertical stiffness at 20 Hz and 5 mm; in the note, at 1 mm."""
-    found, wanted, small = {}, {}, 0.0
+    found, expected, small = {}, {}, 0.0
     for load in LOADS:
         plant = subject.resting(load, *BARE)
         par = plant.parameters
-        wanted[load] = closed_form(par, par.bellows_volume[0], par.heat_capacity_ratio)
+        expected[load] = closed_form(par, par.bellows_volume[0], par.heat_capacity_ratio)
         found[load] = dynamic_stiffness(plant, 5 * mm, 20.0, 60)[0].real
         less = dynamic_stiffness(subject.resting(load, *BARE), 1 * mm, 20.0, 60)[0].real
-        small = min(small, less / wanted[load] - 1.0)
+        small = min(small, less / expected[load] - 1.0)
     note = f"At 5 mm. The smaller the motion, the less an orifice shuts: at 1 mm {100 * small:+.1f} %."
-    return _against_closed_form(found, wanted, 0.01, note)
+    return _against_closed_form(found, expected, 0.01, note)
 
 
 def _against_closed_form(
-    found: dict[str, float], wanted: dict[str, float], share: float, note: str = ""
+    found: dict[str, float], expected: dict[str, float], share: float, note: str = ""
 ) -> CheckOutcome:
     parts = [
-        f"{load} {found[load] / 1e3:.1f} kN/m ({100 * (found[load] / wanted[load] - 1):+.2f} %)"
+        f"{load} {found[load] / 1e3:.1f} kN/m ({100 * (found[load] / expected[load] - 1):+.2f} %)"
         for load in found
     ]
     return CheckOutcome(
         ", ".join(parts),
-        all(near(found[load], wanted[load], share) for load in found),
+        all(near(found[load], expected[load], share) for load in found),
         {f"stiffness_{load}": K for load, K in found.items()}
-        | {f"closed_form_{load}": K for load, K in wanted.items()},
+        | {f"closed_form_{load}": K for load, K in expected.items()},
         note,
     )
 
@@ -106,9 +106,9 @@ def shut_orifice(subject: Subject) -> CheckOutcome:
             for f in (0.1, 10.0):
                 plant = _shut(subject.resting(load, *BARE, "heat"))
                 par = plant.parameters
-                wanted = closed_form(par, par.bellows_volume[0], par.heat_capacity_ratio)
+                expected = closed_form(par, par.bellows_volume[0], par.heat_capacity_ratio)
                 K, _ = dynamic_stiffness(plant, amplitude * mm, f, 3)
-                found.append(K.real / wanted - 1.0)
+                found.append(K.real / expected - 1.0)
                 loss = max(loss, abs(K.imag / K.real))
     small, large = max(excess[1]), max(excess[5])
     return CheckOutcome(

@@ -1,4 +1,4 @@
-"""Numerics: what stays at rest, and half the time step."""
+"""Numerics: drift at rest, and half the time step."""
 
 from typing import Any
 

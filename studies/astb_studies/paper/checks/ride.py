@@ -73,7 +73,7 @@ def comfort(subject: Subject) -> CheckOutcome:
 
 
 def what_the_bar_does(subject: Subject) -> str:
-    """Show where the sway mode that the track excites lies, with the car's anti-roll bar and without one."""
+    """Return the frequency of the sway mode that the track excites, with and without the car's anti-roll bar."""
     car = subject.vehicle.record
 
     def sway(**changes: float) -> str:

@@ -1,4 +1,4 @@
-"""What rubber and friction add: their share of the damping, and the loop of the friction."""
+"""Contributions of rubber and friction: their share of the damping, and the friction loop."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from bench_sim.model.experiments import LATERAL, ImposedMotion, impose
     "the paper, figure 8(c): a deviation of about 5 %",
 ).on("plant", "(5 ± 3) % under AW0, 1.2 Hz, 5 mm")
 def rubber_share(subject: Subject) -> CheckOutcome:
-    """What rubber and friction add to the vertical damping of the whole spring at 1.2 Hz and 5 mm, as a share."""
+    """Share of rubber and friction in the vertical damping of the whole spring at 1.2 Hz and 5 mm."""
 
     def added(load: str, *without: str) -> float:
         whole = damping(subject, load, 5 * mm, 1.2, *without, cycles=30)

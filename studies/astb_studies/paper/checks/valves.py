@@ -64,14 +64,14 @@ def choked_leak(subject: Subject) -> CheckOutcome:
     """Time constant of the pressure with a leak of 1e-9 m³/(s·Pa) under AW3."""
     par = subject.parameters("AW3").record
     volume = par.bellows_volume[0] + par.auxiliary_volume[0]
-    wanted = float(volume / (1e-9 * ISO_DENSITY * par.gas_constant * par.ambient_temperature))
+    expected = float(volume / (1e-9 * ISO_DENSITY * par.gas_constant * par.ambient_temperature))
     warm = _leak_time(subject, 1180 * s, **ISOTHERMAL)
     early = _leak_time(subject, 200 * s)
     late = _leak_time(subject, 1180 * s)
     return CheckOutcome(
-        f"τ = {warm:.0f} s near-isothermal ({100 * (warm / wanted - 1):+.2f} %)",
-        near(warm, wanted, 0.01) and near(warm, 1003.0, 0.01),
-        {"time_constant": warm, "closed_form": wanted, "with_heat_exchange": early},
+        f"τ = {warm:.0f} s near-isothermal ({100 * (warm / expected - 1):+.2f} %)",
+        near(warm, expected, 0.01) and near(warm, 1003.0, 0.01),
+        {"time_constant": warm, "closed_form": expected, "with_heat_exchange": early},
         f"With the heat exchange of the table the answer depends on the window of the fit: {early:.0f} s over the first"
         f" 200 s, {late:.0f} s over 1180 s.",
     )

@@ -1,4 +1,4 @@
-"""Lateral stiffness of the rubber diaphragm out of its gas: equations (8) to (10).
+"""Lateral stiffness of the rubber diaphragm by its gas: equations (8) to (10).
 
 The "effective area" and the "equivalent volume" are two fitted numbers of the lateral stiffness, not the derivatives of
 one volume: a volume that grows with |y| would push a conservative bellows away from its centre, and by symmetry a small

@@ -1,7 +1,7 @@
 """Total lateral dynamic stiffness: equation (23).
 
-With the pipe's inertance the stiffness has a minimum and a peak and then comes back to that of the closed diaphragm;
-without it, it only rises from that of both chambers to that of the diaphragm alone.
+With the pipe's inertance, the stiffness has a minimum and a peak, and then returns to that of the closed diaphragm.
+Without inertance, it rises from the stiffness of both chambers to that of the diaphragm alone.
 """
 
 import numpy as np

@@ -1,8 +1,8 @@
 """Damping of the orifice between bellows and auxiliary chamber, linearised at a pressure ratio: equations (17) to (19).
 
-The slope of the flow at a pressure difference of zero is infinite, so the linearisation stands at a ratio r < 1 that
-a user has to choose. Whatever depends on r here, the rise and fall of the damping among it, depends on that choice;
-`finite_amplitude` derives it from the motion instead.
+The slope of the flow at a pressure difference of zero is infinite. So a user must choose a ratio r < 1 for the
+linearisation. All results over r, including the rise and fall of the damping, depend on this choice. `finite_amplitude`
+derives r from the motion instead.
 """
 
 from math import pi
@@ -104,14 +104,12 @@ def peak_ratio(omega: Real, d: Real, par: PaperParameters) -> Real:
     By bisection, to the last bit, between choked flow (τ = ∞) and r = 1 (τ = 0): τ falls all the way.
     """
     kappa = par.heat_capacity_ratio
-    wanted = (
-        omega * np.sqrt(par.gas_constant * par.gas_temperature) * par.series_capacity / _flow_area(d, par)
-    )
-    low = np.broadcast_to(critical_ratio(kappa), np.shape(wanted)).astype(np.float64)
+    slope = omega * np.sqrt(par.gas_constant * par.gas_temperature) * par.series_capacity / _flow_area(d, par)
+    low = np.broadcast_to(critical_ratio(kappa), np.shape(slope)).astype(np.float64)
     high = np.ones_like(low)
     for _ in range(54):
         middle = 0.5 * (low + high)
-        beyond = -nozzle_slope(middle, kappa) > wanted
+        beyond = -nozzle_slope(middle, kappa) > slope
         low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
     return 0.5 * (low + high)
 

@@ -1,4 +1,4 @@
-"""What the paper's formulas read: one value, or an array of any shape, per parameter, in the SI unit next to it."""
+"""Parameters of the paper's formulas: each is a value or an array of any shape, in the SI unit next to it."""
 
 from dataclasses import dataclass
 from math import pi

@@ -1,4 +1,4 @@
-"""What a roll angle does to the lateral stiffness: the last of equations (13) to (15)."""
+"""Influence of the roll angle on the lateral stiffness: the last of equations (13) to (15)."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What the bench says to the paper's claims, a file for each figure: each declares itself with its claim."""
+"""Results of the bench for the paper's claims, with a file for each figure."""
 
 from astb_studies.paper.comparisons import (
     area,

@@ -1,4 +1,4 @@
-"""One claim of the paper next to what the bench measured, and the words in which that is reported."""
+"""Comparison of a claim of the paper with the result of the bench, and its text."""
 
 from dataclasses import dataclass
 from typing import Any, Final
@@ -14,7 +14,7 @@ MINUS: Final = "\u2212"
 
 @dataclass(frozen=True, slots=True)
 class ClaimComparison:
-    """One claim of the paper next to a figure: ``bench`` and ``closed`` are the results, ``*_holds`` the verdicts."""
+    """One claim of the paper for a figure: ``bench`` and ``closed`` are the results, ``*_holds`` the verdicts."""
 
     id: str
     claim: str
@@ -27,7 +27,7 @@ class ClaimComparison:
 
     @property
     def verdict(self) -> str:
-        """Where the claim holds, in words."""
+        """The layers in which the claim holds, as text."""
         if self.closed_holds is None:
             return "holds" if self.bench_holds else "does not hold"
         return {
@@ -39,13 +39,13 @@ class ClaimComparison:
 
 
 def comparisons_of(study: Study, figure: str) -> list[ClaimComparison]:
-    """Return what the bench and the closed forms say to the claims of a figure, in the order of their numbers."""
+    """Return the comparisons of bench and closed forms for the claims of a figure, in the order of their numbers."""
     of_it = [claim for claim in CLAIMS if figure in claim.by_figure]
     return [compared(study, claim, figure) for claim in sorted(of_it, key=lambda one: int(one.id[1:] or 0))]
 
 
 def compared(study: Study, claim: Claim, figure: str) -> ClaimComparison:
-    """Return what the bench and the closed forms say to one claim of a figure."""
+    """Return the comparison of bench and closed forms for one claim of a figure."""
     found = claim.by_figure[figure](study)
     if found.closed is None:
         check = entry_of(study, claim.id, "paper")
@@ -63,7 +63,7 @@ def percent(share: float, digits: int = 1) -> str:
 
 
 def entry_of(study: Study, id_: str, layer: str) -> dict[str, Any]:
-    """Return what the check of a claim found on one layer."""
+    """Return the result of the check of a claim on one layer."""
     return next(one for one in study.entries if (one["id"], one["layer"]) == (id_, layer))
 
 

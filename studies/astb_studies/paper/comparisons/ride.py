@@ -16,7 +16,7 @@ _BARE = "no anti-roll bar"
 
 @T11.on_the_bench("comfort")
 def comfort(study: Study) -> BenchOutcome:
-    """Rides of a car on the bench's springs, next to those on the plant's."""
+    """Compare rides of a car on the bench's springs with rides on the plant's springs."""
     plant = entry_of(study, "T11", "plant")
     shakes, index = (
         {(load, wind): _of(study, ride_name(load, wind), check) for load in LOADS for wind in RIDE_WINDS}
@@ -48,7 +48,7 @@ def comfort(study: Study) -> BenchOutcome:
 
 
 def _of(study: Study, name: str, check: str) -> float:
-    """Return what a ride gave for a check (SI); nan if it was too short for it."""
+    """Return the result of a ride for a check (SI); NaN if the ride was too short."""
     values = (one.value for one in study.bench.rides[name].checks if one.name == check)
     return next((value for value in values if value is not None), nan)
 

@@ -21,7 +21,7 @@ TRACK: Final = Claim(
 
 @TRACK.on_the_bench("figure-05")
 def track(study: Study) -> BenchOutcome:
-    """How far the platform is from the track, once the lag is taken off."""
+    """Deviation of the platform from the track, corrected for the lag."""
     times, platform = study.bench.track
 
     def expected(late: float) -> Floats:

@@ -1,4 +1,4 @@
-"""Figure 8: how far the models are from the bench's curves, and what the deviation of damping proves."""
+"""Figure 8: deviation of the models from the bench's curves, and the possible causes of the damping deviation."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -66,7 +66,7 @@ DEVIATES: Final = Claim(
 
 @DEVIATES.on_the_bench("figure-08")
 def damping(study: Study) -> BenchOutcome:
-    """By how much the bench's damping exceeds that of the orifice alone, and what the plant's rubber adds to that."""
+    """Excess of the bench's damping over that of the orifice alone, and the contribution of the plant's rubber."""
     (thirteen,) = (row for row in deviations(study) if row.curve == "13 mm orifice")
     at = study.bench.points("damping_ratio", "Vertical damping c over amplitude, AW0", "13 mm", first=True)
     place = int(np.argmin(np.abs(at.x - SWEEP_AMPLITUDE)))

@@ -1,4 +1,4 @@
-"""The figures and tables with heading and caption, and how one is written as SVG and PNG."""
+"""The figures and tables with heading and caption, and their output as SVG and PNG."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

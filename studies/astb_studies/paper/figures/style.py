@@ -1,4 +1,4 @@
-"""How the figures look: sizes, colours, markers, and the pieces of a panel."""
+"""Style of the figures: sizes, colours, markers, and the parts of a panel."""
 
 from typing import TYPE_CHECKING, Any, Final
 
@@ -97,7 +97,7 @@ def draw_line(
 
 
 def add_key(figure: Figure, *entries: tuple[str, dict[str, Any]], columns: int = 0) -> None:
-    """Add one key below the panels that states what points, lines and dashes are."""
+    """Add one legend below the panels for points, lines and dashes."""
     styles: list[dict[str, Any]] = [{"color": INK, "linewidth": 1.25} | style for _, style in entries]
     handles = [Line2D([], [], **style) for style in styles]
     figure.legend(
@@ -113,7 +113,7 @@ def add_key(figure: Figure, *entries: tuple[str, dict[str, Any]], columns: int =
 
 
 def add_legend(axes: "Axes", **kwargs: Any) -> None:
-    """Explain the points of one panel inside it."""
+    """Add a legend of the points inside one panel."""
     axes.legend(**({"frameon": False, "fontsize": 7.5, "handlelength": 1.6, "labelspacing": 0.35} | kwargs))
 
 

@@ -1,4 +1,4 @@
-"""How a ride on measured springs compares with the same car alone: what makes them differ, and by how much it may."""
+"""Comparison of a ride on measured springs with the same car alone: causes and uncertainty of the differences."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class RideResult(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Followed:
-    """How the springs followed the car in one direction: part of its motion (1), and delay (s)."""
+    """Motion of the springs relative to that of the car in one direction: gain (1) and delay (s)."""
 
     part: float
     late: float
@@ -73,21 +73,21 @@ class Followed:
 
 
 def followed(
-    asked: Floats, moved: Floats, hold: float, rig: Rig, step: float = HOST_STEP
+    commanded: Floats, moved: Floats, hold: float, rig: Rig, step: float = HOST_STEP
 ) -> dict[str, Followed]:
-    """Return for each direction how the motion ``moved`` followed ``asked``, both (n, 3), with a ``step`` in s.
+    """Return for each direction how the motion ``moved`` followed ``commanded``, both (n, 3), with a ``step`` in s.
 
-    moved = part · asked − late · d(asked)/dt, by least squares. The lateness is that of the forces that the car
+    moved = part · commanded − late · d(commanded)/dt, by least squares. The lateness is that of the forces that the car
     receives: it includes the lag of the load cells and a hold of ``hold`` s, instead of the lag of the displacement
     sensors.
     """
     found = {}
-    told = lag_of(rig, *FORCES) + 0.5 * hold
+    force_delay = lag_of(rig, *FORCES) + 0.5 * hold
     for k, (way, readings) in enumerate(WAYS.items()):
-        x, y = (one[:, k] - one[:, k].mean() for one in (asked, moved))
+        x, y = (one[:, k] - one[:, k].mean() for one in (commanded, moved))
         rates = np.column_stack([x, -np.gradient(x, step)])
         (part, late), *_ = np.linalg.lstsq(rates, y, rcond=None)
-        found[way] = Followed(float(part), float(late) - lag_of(rig, *readings) + told)
+        found[way] = Followed(float(part), float(late) - lag_of(rig, *readings) + force_delay)
     return found
 
 
@@ -134,7 +134,7 @@ class LinearSprings:
 
 
 def noise_of(instruments: Instruments, rig: Rig) -> Iterator[Springs] | None:
-    """Yield what noise of the load cells adds to the forces, a draw for each step of the host; None if unknown."""
+    """Yield the noise of the load cells in the forces, a draw for each step of the host; None if unknown."""
     if any(name not in instruments.pieces for name in FORCES):
         return None
     sigma = [instruments.pieces[name].instrument.noise for name in FORCES]
@@ -191,9 +191,8 @@ def of_the_springs(
     times: tuple[float, float],
     hold: float = HOST_STEP,
 ) -> dict[str, dict[str, float]]:
-    """Return by check and cause how a ride changes from the ``stated`` linear springs to those that are ``otherwise``.
-
-    Springs are their stiffness and damping, each way.
+    """Return, by check and cause, the change of a ride from the ``stated`` linear springs to those in ``otherwise``.
+    Springs are given by stiffness and damping in each direction.
     """
 
     def on(springs: tuple[Floats, Floats]) -> Mapping[str, float]:
@@ -208,9 +207,8 @@ def of_the_springs(
 
 
 def scatter(both: Sequence[RideResult], amounts: Amounts, times: tuple[float, float]) -> dict[str, float]:
-    """Return by check the standard uncertainty of a difference between two rides, for how it varies in their time.
-
-    s/√n of the differences in `PIECES` pieces.
+    """Return, by check, the standard uncertainty of the difference between two rides, from its variation over time.  It
+    is s/√n of the differences in `PIECES` pieces.
     """
     edges = np.linspace(*times, PIECES + 1)
     found = [[amounts(one, a, b) for one in both] for a, b in pairwise(edges.tolist())]

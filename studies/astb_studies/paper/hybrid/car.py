@@ -1,4 +1,4 @@
-"""The car that is computed where the springs are measured: half of one, in lateral and vertical motion and roll."""
+"""The computed car on measured springs: half a car with lateral, vertical and roll motion."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Car:
 
     @property
     def track_frequency(self) -> float:
-        """How many waves of the track the car meets in a second (Hz)."""
+        """Number of track waves per second (Hz)."""
         return self.train_speed / self.track_wavelength
 
     def track(self, t: float) -> tuple[float, float]:
@@ -57,7 +57,7 @@ class Car:
         return track_wave(f * t), f * track_slope(f * t)
 
     def at_rest(self, mass: float, gravity: float) -> MovingCar:
-        """Return it at rest, of so much ``mass`` (kg)."""
+        """Return the car at rest, with this ``mass`` (kg)."""
         known = {one.name for one in fields(MovingCar)}
         own = {name: value for name, value in asdict(self).items() if name in known}
         return MovingCar(mass, mass * self.roll_gyration**2, gravity, **own)
@@ -102,7 +102,7 @@ class Ride:
 
     @property
     def floor_acceleration(self) -> float:
-        """The lateral acceleration of the floor (m/s²), without the weight that is felt on a floor that leans."""
+        """The lateral acceleration of the floor (m/s²), without the component of gravity on an inclined floor."""
         return float(floor_acceleration(self.now))
 
 

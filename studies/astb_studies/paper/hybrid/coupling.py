@@ -1,4 +1,4 @@
-"""The host's part of a hybrid ride: forces in, the car a step on, set-points out, on the bench's clock."""
+"""The host's part of a hybrid ride: in each step it reads forces, integrates the car, and sends set-points."""
 
 from __future__ import annotations
 
@@ -156,14 +156,14 @@ class Course:
 
     carried: float  #: load of each spring before the motion (N)
     step: float = STEP
-    told_every: float = HOST_STEP  #: period of places and readings (s)
+    period: float = HOST_STEP  #: period of places and readings (s)
     time: list[float] = field(default_factory=list)
     acceleration: list[float] = field(default_factory=list)  #: of the floor, lateral
     rising: list[float] = field(default_factory=list)  #: of the floor's middle, vertical acceleration
     bump_stop: list[float] = field(default_factory=list)
     lateral: list[float] = field(default_factory=list)
     roll: list[float] = field(default_factory=list)
-    asked: list[SpringPose] = field(
+    commanded: list[SpringPose] = field(
         default_factory=list
     )  #: the commanded place of the springs in each step of the host
     read: list[list[float]] = field(
@@ -171,7 +171,7 @@ class Course:
     )  #: the readings of the place, in the order of `POSES`, and the force
 
     def keep(self, ride: Ride) -> None:
-        """Keep where a ride is now."""
+        """Store the present state of a ride."""
         self.time.append(ride.time)
         self.acceleration.append(ride.floor_acceleration)
         self.rising.append(ride.now.acceleration[1])
@@ -184,14 +184,14 @@ class Course:
         return np.array(getattr(self, name)[rows_of(since, until, STEP)])
 
     def places(self, rig: Rig, since: float, until: float) -> tuple[Floats, Floats]:
-        """Return how the springs should stand between two times (s) and did, by their readings; (n, 3) each."""
+        """Return the commanded and the measured poses of the springs between two times (s); (n, 3) each."""
         rows = rows_of(since, until, HOST_STEP)
         names = (*POSES, "lateral.force")
         read = {name: _between(one) for name, one in zip(names, np.array(self.read).T, strict=True)}
-        return np.array(self.asked[rows]), standing(read, rig)[rows]
+        return np.array(self.commanded[rows]), standing(read, rig)[rows]
 
     def held(self, since: float, until: float) -> float:
-        """Return for how long a reading stays until the next comes (s), by those of a height that moves."""
+        """Return the hold time of a reading (s), from the readings of a moving height."""
         rows = np.array(self.read)[rows_of(since, until, HOST_STEP), 0]
         came = np.flatnonzero(np.diff(rows))
         return float(HOST_STEP * np.median(np.diff(came))) if came.size > 1 else HOST_STEP
@@ -209,7 +209,7 @@ def rows_of(since: float, until: float, step: float) -> slice:
 
 
 def _between(held: Floats) -> Floats:
-    """Return readings, each held until the next came, as straight lines between these."""
+    """Convert held readings to linear interpolation between them."""
     fresh = np.flatnonzero(np.diff(held, prepend=np.nan) != 0.0)
     return np.interp(np.arange(held.size), fresh, held[fresh])
 
@@ -234,7 +234,7 @@ def move_on(run: Run, motion: Motion, delay: Delay, duration: float) -> Course:
             raise LinkLost(
                 f"no force of the springs was received for {silent / ms:.0f} ms, so the car cannot be simulated"
             )
-        course.asked.append(motion.place_at(0.0))
+        course.commanded.append(motion.place_at(0.0))
         course.read.append([*(read[name] for name in POSES), -held.lateral])
         to_beat = (bench.commander.next_cycle() - run.now) / NS
         if to_beat <= HOST_STEP:

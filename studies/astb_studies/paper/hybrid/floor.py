@@ -83,21 +83,21 @@ COMPARED: Final = {
 MADE_OF: Final = {COMFORT: SHAKES, COMFORT_UPWARD: RISES}
 
 
-def finely(told: Samples, step: float) -> Samples:
+def finely(samples: Samples, step: float) -> Samples:
     """Interpolate samples every ``step`` s to `RATE`, by cubics through neighbours (Catmull and Rom)."""
     if step <= 1.0 / RATE:
-        return told
-    at = np.arange(round(told.size * step * RATE)) / (RATE * step)
-    n = np.minimum(at.astype(int), told.size - 2)
+        return samples
+    at = np.arange(round(samples.size * step * RATE)) / (RATE * step)
+    n = np.minimum(at.astype(int), samples.size - 2)
     x = at - n
-    padded = np.concatenate([told[:1], told, told[-1:]])
+    padded = np.concatenate([samples[:1], samples, samples[-1:]])
     a, b, c, d = (padded[n + k] for k in range(4))
     bend = x * (2.0 * a - 5.0 * b + 4.0 * c - d + x * (3.0 * (b - c) + d - a))
     return np.asarray(b + 0.5 * x * (c - a + bend))
 
 
 def ridden(course: RideResult, since: float, until: float) -> dict[str, float]:
-    """Return what the floor did between two times (s) of a ride, by check (SI); an index only of a whole block."""
+    """Return the results of the floor between two times (s), by check (SI); a comfort index needs a whole block."""
     a, rising, stop, roll = (
         course.of(name, since, until) for name in ("acceleration", "rising", "bump_stop", "roll")
     )

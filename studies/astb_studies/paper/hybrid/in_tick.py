@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 #: So often the rig reports of its car.
 STEP: Final = 1.0 / COMMAND_RATE
 #: By column of a course: what the rig calls it.
-TOLD: Final = {
+REPORTED: Final = {
     "shear": "car.shear",
     "height": "car.height",
     "roll": "car.roll",
@@ -55,7 +55,7 @@ class TickCourse:
     read: dict[str, Floats]  #: of `POSES` and the lateral force, beyond rest
     hold: float
     step: float = STEP
-    told_every: float = STEP
+    period: float = STEP
 
     def of(self, name: str, since: float, until: float) -> Floats:
         """Return one column between two times (s)."""
@@ -64,8 +64,8 @@ class TickCourse:
     def places(self, rig: Rig, since: float, until: float) -> tuple[Floats, Floats]:
         """Return the commanded and the measured places of the springs between two times (s); (n, 3) each."""
         rows = rows_of(since, until, self.step)
-        asked = np.column_stack([self.columns[name] for name in ("shear", "height", "roll")])
-        return asked[rows], standing(self.read, rig)[rows]
+        commanded = np.column_stack([self.columns[name] for name in ("shear", "height", "roll")])
+        return commanded[rows], standing(self.read, rig)[rows]
 
     def held(self, since: float, until: float) -> float:
         """Return the time for which each force on the car was held (s)."""
@@ -101,7 +101,7 @@ def ride_in_tick(
     names = (*FORCES, *POSES, "lateral.force")
     rest = bench.averages(*names, over=1 * s)
     lasts = settings["track_waves"] / settings["track_frequency"]
-    with bench.capture(*TOLD.values(), *POSES, "lateral.force") as capture:
+    with bench.capture(*REPORTED.values(), *POSES, "lateral.force") as capture:
         try:
             bench.car.start(settings)
             bench.wait_for(
@@ -116,11 +116,11 @@ def ride_in_tick(
             raise
     bench.wait(BACK)
     _, at = capture.aligned(COMMAND_RATE)
-    there = np.isfinite(at[TOLD["shear"]])
+    there = np.isfinite(at[REPORTED["shear"]])
     first, last = int(np.argmax(there)), int(there.size - np.argmax(there[::-1]))
     if not there[first:last].all():
         raise LinkLost("the rig did not report its car at all times, so the ride cannot be judged")
-    columns = {name: at[told][first:last] for name, told in TOLD.items()}
+    columns = {name: at[signal][first:last] for name, signal in REPORTED.items()}
     read = {name: at[name][first:last] - rest[name] for name in (*POSES, "lateral.force")}
     return TickCourse(0.5 * float(upward_force(rest, run.rig)), columns, read, delay.hold)
 

@@ -131,7 +131,7 @@ def margins(f: Floats, eigenvalues: Complex) -> Margins:
 
 
 def _sorted(eigenvalues: Complex) -> Complex:
-    """Return loci (f, k) in which every column goes on from the nearest place of the frequency before."""
+    """Return loci (f, k) whose columns are continuous over frequency (nearest neighbour)."""
     found = eigenvalues.copy()
     each = range(found.shape[1])
     orders = [list(order) for order in permutations(each)]

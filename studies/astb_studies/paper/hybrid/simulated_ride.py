@@ -1,4 +1,4 @@
-"""The same car without a bench: on the springs of a model, next to which a ride on measured ones is held."""
+"""The same car on the springs of a model, for comparison with a ride on measured springs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class NoModel(Exception):
-    """The springs have no model with which a car could ride, and why."""
+    """The springs have no model for a simulated ride; the text gives the reason."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +94,7 @@ def simulate_ride(
 
 
 def _ridden(vehicle: Vehicle, car: Car, wind: Floats, interval: float, share: Floats) -> Ride:
-    """Ride through all samples, those between which the track comes or goes one by one."""
+    """Ride through all samples; while the track rises or fades, take one sample at a time."""
     edges = np.flatnonzero(np.diff(share) != 0.0)
     ends = np.unique(np.concatenate([edges, edges + 1, [0, len(wind) - 1]]))
     parts = []

@@ -1,4 +1,4 @@
-"""The plans that only the paper's figures need: `astb` knows them by the entry point of this module."""
+"""The plans that only the paper's figures need; `astb` finds them by the entry point of this module."""
 
 from astb_studies.paper.plans.damping_ratio import damping_ratio
 from astb_studies.paper.plans.frequency_sweep import frequency_sweep_aw0, frequency_sweep_aw3

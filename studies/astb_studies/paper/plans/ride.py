@@ -247,7 +247,9 @@ Linear = tuple[Samples, Samples]
 
 
 def _tolerated(load: Load, rig: Rig) -> tuple[Linear, dict[str, Linear]]:
-    """Return springs as the file expects them, and by cause others, one standard deviation off within its limits."""
+    """Return the nominal springs of the file and, by cause, springs that deviate by one standard deviation of its
+    limits.
+    """
     part = 0.5 + 0.5 * EVEN
     stiffness, damping = springs_of_the_file(load, rig, 0.5, 0.5)
     stiffer, damped = springs_of_the_file(load, rig, part, part)
@@ -266,7 +268,7 @@ def _by_the_rig(run: Run, ride: Ride, delay: Delay, whole: float) -> TickCourse:
 
 
 def look_at_the_loop(run: Run, name: str, delay: Delay) -> bool:
-    """Check the margins of a loop that comes as late as was measured; return whether a ride may begin."""
+    """Check the stability margins of the loop with the measured delay; return whether a ride may begin."""
     load = run.specimen.load(name)
     found = margins_of(load, run.rig, delay)
     text = f"{1e3 * delay.pistons:.0f} ms late, with readings every {1e3 * delay.hold:.0f} ms"
@@ -285,7 +287,7 @@ def look_at_the_loop(run: Run, name: str, delay: Delay) -> bool:
 
 
 def longest_delay(load: Load, rig: Rig, delay: Delay) -> float:
-    """Return the longest delay (s) with which a car would ride where readings come so often, to 5 ms; 0 for none."""
+    """Return the longest delay (s, in steps of 5 ms) with a stable loop, for this interval of readings; 0 for none."""
     shorter = np.arange(delay.pistons - 5 * ms, _least(rig, delay), -5 * ms).tolist()
     return next((one for one in shorter if margins_of(load, rig, replace(delay, pistons=one)).enough), 0.0)
 
@@ -297,7 +299,7 @@ def _least(rig: Rig, delay: Delay) -> float:
 
 def follow(run: Run, course: Ridden, times: tuple[float, float]) -> dict[str, Followed]:
     """Check the delay of the springs between two ``times`` (s) of the ride; return gain and delay by direction."""
-    ways = followed(*course.places(run.rig, *times), course.held(*times), run.rig, course.told_every)
+    ways = followed(*course.places(run.rig, *times), course.held(*times), run.rig, course.period)
     for way, one in ways.items():
         known = Measured(one.late, LAGS_U, parts={"lags of the readings": LAGS_U})
         note = f"by {1e2 * one.part:.1f} % of what the car has them"

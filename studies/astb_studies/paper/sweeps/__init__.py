@@ -1,1 +1,1 @@
-"""One quantity measured over another: what several plans of the paper's figures have in common."""
+"""Sweeps of one quantity over another, which several plans of the paper's figures use."""

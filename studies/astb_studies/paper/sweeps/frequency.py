@@ -133,7 +133,7 @@ SHEAR_STIFFNESS: Final = 0.6 * MN / m
 
 @dataclass(slots=True)
 class FrequencySweep:
-    """Complex stiffness over frequency, per spring, with the amplitude and the warmth of the gas."""
+    """Complex stiffness over frequency, per spring, with the amplitude and the temperature of the gas."""
 
     vertical: list[Stiffness] = field(default_factory=list)
     lateral: list[Stiffness] = field(default_factory=list)
@@ -187,7 +187,7 @@ class FrequencySweep:
     def between(
         self, run: Run, one: float, other: float, evaluate: Callable[[list[Stiffness]], float]
     ) -> Measured:
-        """Return what ``evaluate`` makes of the vertical stiffness at two frequencies (Hz)."""
+        """Return the result of ``evaluate`` for the vertical stiffness at two frequencies (Hz)."""
         return measure_sines(run, [self.sines[one], self.sines[other]], vertical_stiffness, evaluate)
 
     def keep(self, run: Run, load: Load, pipe: str) -> None:
@@ -241,7 +241,7 @@ def frequency_sweep(run: Run, load: Load) -> None:
 
 
 def check_sweep(run: Run, plain: FrequencySweep, surge: FrequencySweep) -> None:
-    """Check where damping peaks without the pipe, and how stiffness dips and overshoots with it."""
+    """Check the maximum of damping without the pipe, and minimum and overshoot of stiffness with it."""
     c = {K.frequency: K.damping for K in plain.vertical if K.frequency >= DAMPING_FROM}
     peak = max(c, key=lambda f: c[f])
     size = {K.frequency: abs(K.value) for K in surge.vertical}

@@ -88,7 +88,7 @@ class LateralOffset:
             self.known.append(know(run, times, values, DITHER_FREQUENCY, lateral_stiffness))
 
     def climb(self, run: Run, home: Home) -> None:
-        """Shear and lift the springs step by step with nothing but the gas in their bellows."""
+        """Shear and lift the springs step by step, with only the gas in their bellows."""
         with run.phase("isolated bellows"):
             take_pose(run, home)
             run.bench.generator.run("vertical", amplitude=CENTRING, frequency=1 * Hz, cycles=3)
@@ -183,7 +183,7 @@ class LateralOffset:
 
 
 def secants_of(stairs: Sequence[PoseReading]) -> tuple[list[float], list[float]]:
-    """Return |y| and (F(y) − F(−y))/(2y) of the stairs on the way out, friction and all."""
+    """Return |y| and (F(y) − F(−y))/(2y) of the outward steps, including friction."""
     places, secants = [], []
     for size in sorted({abs(y) for y in STAIRS} - {0.0}):
         plus, minus = (stairs[STAIRS.index(sign * size)] for sign in (1, -1))
@@ -196,7 +196,7 @@ def secants_of(stairs: Sequence[PoseReading]) -> tuple[list[float], list[float]]
 def _volumes(spring: Specimen, load: Load, stairs: Sequence[PoseReading]) -> list[float]:
     """Return V(y)/V(0) of the bellows by its gas, which is always the same: V ∝ T/p, at its own design height.
 
-    The emergency spring gives way by what the force changes; the drawing shows what volume that is.
+    The deflection of the emergency spring follows the force; the drawing gives the corresponding volume.
     """
     specific = np.array([one.temperature / (one.pressure + ATMOSPHERE) for one in stairs])
     lifted = np.array(

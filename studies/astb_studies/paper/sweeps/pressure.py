@@ -94,7 +94,7 @@ class LateralPressure:
         return run.measured(evaluate, run.rig, *(one.values for one in sines))
 
     def softening(self, run: Run, small: float, large: float) -> Measured:
-        """Return how much stiffer the spring is at amplitude ``small`` than at ``large``, the mean over the loads."""
+        """Return the stiffness ratio of amplitude ``small`` to ``large``, as a mean over the loads."""
         loads = len(self.sines[small])
 
         def evaluate(found: list[Stiffness]) -> float:

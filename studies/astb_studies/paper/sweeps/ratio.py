@@ -54,7 +54,7 @@ class DampingByRatio:
     known: list[Known] = field(default_factory=list)
 
     def measure(self, run: Run) -> None:
-        """Shake the springs vertically at 1.2 Hz; at rest both pressures are equal, whatever they read."""
+        """Shake the springs vertically at 1.2 Hz. Differences of the pressure readings at rest are offsets."""
         rest = run.bench.averages(*PRESSURES, over=steps.AVERAGE_OVER)
         for amplitude in SWINGS:
             with run.phase(f"vertical sine {amplitude / mm:g} mm"):
@@ -113,7 +113,7 @@ class DampingByRatio:
         return self.sines[SWINGS.index(amplitude)]
 
     def drop_from_peak(self, run: Run) -> Measured:
-        """Return how far c at both ends of the amplitudes lies below its maximum, the nearer end, as a fraction."""
+        """Return the relative distance of c below its maximum at the nearer end of the amplitudes."""
         peak = int(np.argmax([K.damping for K in self.found]))
 
         def evaluate(found: list[Stiffness]) -> float:
@@ -139,7 +139,7 @@ def check_damping(run: Run, load: Load, found: Mapping[float, DampingByRatio]) -
     """Check that damping falls from plate to plate, and has its maximum between the ends of the amplitudes."""
     fitted = load.limits.band("plate_damping")
     following = run.specimen.limits.band("damping_next_plate")
-    beside = run.specimen.limits.band("damping_beside_peak")
+    drop = run.specimen.limits.band("damping_beside_peak")
     sines = {plate: one.at(AT) for plate, one in found.items()}
     c = measure_sines(run, [sines[PLATE]], vertical_stiffness, lambda found: found[0].damping)
     run.check(FITTED, c, "kN*s/m", low=fitted.low, high=fitted.high)
@@ -152,4 +152,4 @@ def check_damping(run: Run, load: Load, found: Mapping[float, DampingByRatio]) -
         run.check(name, less, "1", low=following.low, high=following.high)
     for plate in (min(sines), PLATE):
         name = BESIDE_PEAK.of(plate=plate / mm)
-        run.check(name, found[plate].drop_from_peak(run), "%", low=beside.low, high=beside.high)
+        run.check(name, found[plate].drop_from_peak(run), "%", low=drop.low, high=drop.high)
