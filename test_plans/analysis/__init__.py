@@ -166,14 +166,21 @@ def without_lag(amplitude: complex, lag: float, frequency: float) -> complex:
 
 def straight_line(times: Samples, values: Samples) -> tuple[float, float]:
     """Return level (in the middle of the samples) and slope (per s) of the fitted line; NaN is ignored."""
-    good = np.isfinite(values)
+    level, good = level_of(values), np.isfinite(values)
     if not good.all():
         times, values = times[good], values[good]
-    if values.size < 2:
-        raise NotMeasured(f"{values.size} samples are too few for a line")
     middle, squares = _about_the_mean(np.asarray(times, float).tobytes())
-    level = values.mean()
-    return float(level), float(np.sum(middle * (values - level)) / squares)
+    return level, float(np.sum(middle * (values - level)) / squares)
+
+
+def level_of(values: Samples) -> float:
+    """Return the mean of the samples; NaN is ignored. Raises NotMeasured for fewer than two."""
+    good = np.isfinite(values)
+    if not good.all():
+        values = values[good]
+    if values.size < 2:
+        raise NotMeasured(f"{values.size} samples are too few for a level")
+    return float(values.mean())
 
 
 @lru_cache(maxsize=16)

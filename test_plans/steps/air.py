@@ -10,7 +10,7 @@ import numpy as np
 
 from bench_protocol.units import ATMOSPHERE, NS, minutes
 from bench_protocol.words import SIDES
-from test_plans.analysis import CHAMBERS, HEIGHTS, VERTICAL_CELLS, Samples, straight_line
+from test_plans.analysis import CHAMBERS, HEIGHTS, VERTICAL_CELLS, Samples, level_of, straight_line
 from test_plans.analysis.cells import CELLS, bearing, cells_under, described, load_on, unseen
 from test_plans.analysis.geometry import LASERS, Rig, height_of_spring
 from test_plans.analysis.uncertainty import EVEN, Measured
@@ -173,5 +173,7 @@ def _air(specimen: Specimen, rig: Rig, values: Values, times: Values, load: Load
 
 def _settled(rig: Rig, name: str, times: Samples, values: Samples) -> float:
     """Return the true value of a reading; a first-order thermometer lags, so T = T_read + τ dT_read/dt."""
+    if not name.endswith("temperature"):
+        return level_of(values)
     level, slope = straight_line(times, values)
-    return level + lag_of(rig, name) * slope if name.endswith("temperature") else level
+    return level + lag_of(rig, name) * slope
