@@ -25,11 +25,11 @@ from bench_sim.rig.faults.fault import Begin, Fault, FaultChoice, FaultNumber, F
 from bench_sim.rig.faults.insertion import InsertionPoints
 from bench_sim.rig.faults.schedule import Undo
 
-_DIRECTION: Final = FaultChoice("direction", (FROM_RIG, TO_RIG, BOTH), "which way the frames go", BOTH)
+_DIRECTION: Final = FaultChoice("direction", (FROM_RIG, TO_RIG, BOTH), "direction of the frames", BOTH)
 _MESSAGE: Final = FaultChoice(
-    "message", (ALL, *(message.name for message in TABLE.messages)), "which frames", ALL
+    "message", (ALL, *(message.name for message in TABLE.messages)), "affected frames", ALL
 )
-_SEED: Final = FaultNumber("seed", "1", 0, 1_000_000, "draws the frames", 0, whole=True)
+_SEED: Final = FaultNumber("seed", "1", 0, 1_000_000, "random seed", 0, whole=True)
 
 
 def _chance(percent: float) -> FaultNumber:
@@ -102,8 +102,8 @@ FAULTS: Final = (
         "frames are refused. Commands later than 100 ms lead to HOLD once, when the delay begins.",
         _frames(_delayed),
         (
-            FaultNumber("by", "ms", 0.1, 2000, "how late at least", 20),
-            FaultNumber("jitter", "ms", 0, 1000, "how much later at most", 0),
+            FaultNumber("by", "ms", 0.1, 2000, "smallest delay", 20),
+            FaultNumber("jitter", "ms", 0, 1000, "largest additional delay", 0),
             *_WHICH,
         ),
     ),
@@ -139,7 +139,9 @@ FAULTS: Final = (
             )
         ),
         (
-            FaultNumber("step", "1", -1, 100, "how far a counter goes too far each time", -1, whole=True),
+            FaultNumber(
+                "step", "1", -1, 100, "additional change of the counter in each frame", -1, whole=True
+            ),
             *_WHICH,
         ),
     ),

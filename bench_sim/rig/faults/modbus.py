@@ -18,8 +18,8 @@ from bench_sim.rig.faults.modbus_filter import (
 )
 from bench_sim.rig.faults.schedule import Undo
 
-_REQUESTS: Final = FaultChoice("requests", (READS, WRITES, ALL), "which requests", ALL)
-_SEED: Final = FaultNumber("seed", "1", 0, 1_000_000, "draws the requests", 0, whole=True)
+_REQUESTS: Final = FaultChoice("requests", (READS, WRITES, ALL), "affected requests", ALL)
+_SEED: Final = FaultNumber("seed", "1", 0, 1_000_000, "random seed", 0, whole=True)
 _CHANCE: Final = FaultNumber("probability", "%", 0.01, 100, "of each request", 100)
 _WHICH: Final = (_CHANCE, _REQUESTS, _SEED)
 
@@ -67,7 +67,9 @@ FAULTS: Final = (
         "`LinkLost`, and never a reading. The request was executed.",
         _requests(lambda v: Junk(v["what"], v["probability"], v["requests"], int(v["seed"]))),
         (
-            FaultChoice("what", (Junk.TRANSACTION, Junk.UNIT, Junk.NOISE), "what is wrong", Junk.NOISE),
+            FaultChoice(
+                "what", (Junk.TRANSACTION, Junk.UNIT, Junk.NOISE), "wrong part of the answer", Junk.NOISE
+            ),
             *_WHICH,
         ),
     ),
@@ -77,7 +79,7 @@ FAULTS: Final = (
         "Answers arrive late.",
         "Each request takes longer. Beyond the time-out of the client it is `LinkLost`.",
         _requests(lambda v: Slow(v["by"])),
-        (FaultNumber("by", "ms", 1, 10_000, "how late", 100),),
+        (FaultNumber("by", "ms", 1, 10_000, "delay", 100),),
     ),
     Fault(
         "modbus_split",

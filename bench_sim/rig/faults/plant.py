@@ -10,7 +10,7 @@ from bench_sim.rig.faults.fault import Fault, FaultChoice, FaultNumber, FaultPla
 from bench_sim.rig.faults.insertion import InsertionPoints
 from bench_sim.rig.faults.schedule import Undo
 
-_SIDE: Final = FaultChoice("side", SIDES, "which spring")
+_SIDE: Final = FaultChoice("side", SIDES, "affected spring")
 #: The end of a detached lever is far outside the range of its valve, but near enough to return within seconds.
 _LEVER_GONE: Final = 0.1
 #: Beyond every lever and every pressure.
@@ -139,7 +139,12 @@ FAULTS: Final = (
         "exhausts.",
         "In the air mode `level` the height does not return to its dead band: it stays, rises or falls.",
         _leveling,
-        (_SIDE, FaultChoice("at", ("as_is", "shut", "filling", "exhausting"), "where it is stuck", "as_is")),
+        (
+            _SIDE,
+            FaultChoice(
+                "at", ("as_is", "shut", "filling", "exhausting"), "position of the stuck valve", "as_is"
+            ),
+        ),
         "side",
     ),
     Fault(
@@ -149,7 +154,7 @@ FAULTS: Final = (
         "Open: both auxiliary chambers get the same pressure while the valve is connected. Shut: their difference "
         "is not limited.",
         _dpv,
-        (FaultChoice("at", ("open", "shut"), "where it is stuck"),),
+        (FaultChoice("at", ("open", "shut"), "position of the stuck valve"),),
     ),
     Fault(
         "stuck_service_valve",
@@ -158,7 +163,7 @@ FAULTS: Final = (
         "The auxiliary chamber does not reach its target: its pressure stays, rises to that of the supply, or "
         "falls to the atmosphere. If the valve is shut or filling, the spring is not vented.",
         _service_valve,
-        (_SIDE, FaultChoice("at", ("filling", "shut", "exhausting"), "where it is stuck")),
+        (_SIDE, FaultChoice("at", ("filling", "shut", "exhausting"), "position of the stuck valve")),
         "side",
     ),
     Fault(
@@ -168,7 +173,7 @@ FAULTS: Final = (
         "Shut: the pressure of the bellows does not follow that of its auxiliary chamber, and venting does not "
         "empty it. Open: the chamber cannot be disconnected.",
         _reservoir_valve,
-        (_SIDE, FaultChoice("at", ("open", "shut"), "where it is stuck", "shut")),
+        (_SIDE, FaultChoice("at", ("open", "shut"), "position of the stuck valve", "shut")),
         "side",
     ),
     Fault(
@@ -177,7 +182,7 @@ FAULTS: Final = (
         "An actuator does not move below the force of its relief valves.",
         "The displacement does not follow the set-points, and the force is that of the load.",
         _seized,
-        (FaultChoice("actuator", ACTUATORS, "which one"),),
+        (FaultChoice("actuator", ACTUATORS, "affected actuator"),),
         "actuator",
     ),
     Fault(
@@ -187,6 +192,6 @@ FAULTS: Final = (
         "`supply.pressure` falls to this value within a second. No spring can be filled beyond it. Check valves "
         "keep the air in the springs.",
         _supply,
-        (FaultNumber("pressure", "bar", 0, 12, "what is left, gauge", 0),),
+        (FaultNumber("pressure", "bar", 0, 12, "remaining gauge pressure", 0),),
     ),
 )

@@ -22,8 +22,8 @@ from bench_sim.rig.faults.insertion import InsertionPoints
 from bench_sim.rig.faults.schedule import Undo
 
 _NAMES: Final = tuple(signal.name for signal in MEASUREMENTS)
-_SENSOR: Final = FaultChoice("sensor", _NAMES, "whose reading")
-_SEED: Final = FaultNumber("seed", "1", 0, 1_000_000, "draws the samples", 0, whole=True)
+_SENSOR: Final = FaultChoice("sensor", _NAMES, "affected sensor")
+_SEED: Final = FaultNumber("seed", "1", 0, 1_000_000, "random seed", 0, whole=True)
 _WIDE: Final = math.inf  # of a sensor: its own range bounds it
 LOW, HIGH, NOTHING = "low", "high", "nothing"
 
@@ -71,7 +71,7 @@ FAULTS: Final = (
         "A sensor has a constant error.",
         "The reading jumps by this value, and stays within the range of the transducer.",
         _disturbed(DisturbanceKind.BIAS),
-        (_SENSOR, _of_sensor("value", OF_SENSOR, "how far it is off")),
+        (_SENSOR, _of_sensor("value", OF_SENSOR, "size of the error")),
         "sensor",
     ),
     Fault(
@@ -80,7 +80,7 @@ FAULTS: Final = (
         "The error of a sensor grows.",
         "The error grows at this rate from zero, up to the end of the range of the transducer.",
         _disturbed(DisturbanceKind.DRIFT),
-        (_SENSOR, _of_sensor("value", OF_SENSOR_PER_SECOND, "how fast")),
+        (_SENSOR, _of_sensor("value", OF_SENSOR_PER_SECOND, "rate of the error")),
         "sensor",
     ),
     Fault(
@@ -91,8 +91,8 @@ FAULTS: Final = (
         _disturbed(DisturbanceKind.SPIKE, lambda v: chance_of(v["rate"])),
         (
             _SENSOR,
-            _of_sensor("value", OF_SENSOR, "how far a sample is off"),
-            FaultNumber("rate", "Hz", 0.001, 200, "how many there are on average", 1),
+            _of_sensor("value", OF_SENSOR, "error of a sample"),
+            FaultNumber("rate", "Hz", 0.001, 200, "average rate of the spikes", 1),
             _SEED,
         ),
         "sensor",
@@ -113,7 +113,7 @@ FAULTS: Final = (
         "The reading is at the end of its range, perhaps beyond a limit; or it is NaN, with the quality bit of "
         "Modbus cleared. Without a pressure reading the actuators stay blocked.",
         _broken_wire,
-        (_SENSOR, FaultChoice("reads", (LOW, HIGH, NOTHING), "what the amplifier makes of it", LOW)),
+        (_SENSOR, FaultChoice("reads", (LOW, HIGH, NOTHING), "output of the amplifier", LOW)),
         "sensor",
     ),
     Fault(
@@ -122,7 +122,7 @@ FAULTS: Final = (
         "Two sensors are exchanged: each has the reading of the other.",
         "Two readings are exchanged on CAN and Modbus, and for the limits and valves of the rig.",
         _swapped,
-        (_SENSOR, FaultChoice("other", _NAMES, "whose reading it has instead, and gives its own to")),
+        (_SENSOR, FaultChoice("other", _NAMES, "sensor with the exchanged reading")),
         "sensor",
     ),
     Fault(

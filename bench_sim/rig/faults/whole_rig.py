@@ -42,8 +42,8 @@ FAULTS: Final = (
         "deadlines.",
         _late_ticks,
         (
-            FaultNumber("by", "ms", 1, 1000, "how long it stands still", 20),
-            FaultNumber("every", "s", 0.01, 3600, "how often", 1),
+            FaultNumber("by", "ms", 1, 1000, "length of a pause", 20),
+            FaultNumber("every", "s", 0.01, 3600, "time between two pauses", 1),
         ),
     ),
     Fault(
