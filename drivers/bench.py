@@ -32,7 +32,7 @@ from drivers.generator import Generator
 from drivers.link import STREAM_CYCLES, Link
 from drivers.settings import UNKNOWN
 from drivers.waveform import Waveform
-from drivers.wiring.contract import Order, Step, Wiring
+from drivers.wiring.contract import NO_WATCHDOG, Order, Step, Wiring
 
 #: Readings that have their own set-point in addition to the control mode.
 _COMMANDED: Final = (
@@ -242,10 +242,7 @@ class Bench(Link):
         known watchdog for its commander.
         """
         if not self.wiring.capabilities.watchdog:
-            raise NotAvailable(
-                f"the wiring of {self.wiring.rig} does not state that the rig detects a silent "
-                "commander (capability watchdog)"
-            )
+            raise NotAvailable(NO_WATCHDOG.format(self.wiring.rig))
         self._armed = False
         with self.despite_faults():
             if about == "settings":

@@ -68,7 +68,7 @@ class CanLog:
 
     def _error(self) -> CanLogError:
         return CanLogError(
-            f"{self._path} is incomplete, because frames could not be written: {self._failure}"
+            f"{self._path} is incomplete, because frames could not be written: {self._failure}; repeat the run"
         )
 
 
@@ -100,7 +100,7 @@ def _open_writer(path: Path) -> can.Listener:
     form = next((one for one in FORMS if path.suffix.lower() in one.endings), None)
     if form is None or form.write is None:
         known = ", ".join(endings([one for one in FORMS if one.write is not None]))
-        raise CanLogError(f"{path} ends in {path.suffix or 'nothing'}; files of CAN frames end in {known}")
+        raise CanLogError(f"{path} ends in {path.suffix or 'nothing'}; use one of {known}")
     try:
         writer: can.Listener = form.write(path)
     except (OSError, ValueError, ImportError, NotImplementedError) as error:

@@ -369,8 +369,8 @@ def open_can(
             return PythonCanPort(HubBus(VIRTUAL_INTERFACE, host, port))
         if not has_interface(kind):
             raise LinkLost(
-                f"can = {spec!r}: this machine has no CAN interface of that name"
-                f" (it has {', '.join(can_interfaces()) or 'none at all'}; 'tcp' is the rig's own hub)"
+                f"can = {spec!r} is not a CAN interface of this machine; use one of "
+                f"{', '.join((*can_interfaces(), 'tcp'))} (tcp is the simulated rig)"
             )
         # Error frames are not used here. The filter costs nothing.
         bus = can.Bus(
@@ -382,7 +382,9 @@ def open_can(
         )
         return PythonCanPort(bus, fd=fd)
     except (can.CanError, OSError) as error:
-        raise LinkLost(f"the CAN bus '{spec}' cannot be opened: {error}") from error
+        raise LinkLost(
+            f"the CAN bus '{spec}' cannot be opened: {error}; `astb doctor` lists the interfaces"
+        ) from error
 
 
 def open_bus(
@@ -397,7 +399,9 @@ def open_bus(
         bus = can.Bus(channel=channel, interface=interface, ignore_config=True, **whole)
         return PythonCanPort(bus, fd=fd, stamped_by=stamped_by)
     except (can.CanError, OSError, ValueError, TypeError, ImportError, NotImplementedError) as error:
-        raise LinkLost(f"the CAN bus {channel!r} of {interface!r} cannot be opened: {error}") from error
+        raise LinkLost(
+            f"the CAN bus {channel!r} of {interface!r} cannot be opened: {error}; check channel, driver and options"
+        ) from error
 
 
 def resolve_can(spec: str) -> str:

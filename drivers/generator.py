@@ -204,5 +204,6 @@ def wait_for_the_end(link: Link, cycles: float, within: float) -> None:
     done = link.readings.value("rig.generator_cycle")
     if not done >= cycles:
         raise RigFault(
-            f"the generator's program ended after {done:g} of {cycles:g} cycles: {link.describe()}"
+            f"the generator's program ended after {done:g} of {cycles:g} cycles: {link.describe()}; "
+            "remove the cause, then repeat it"
         )

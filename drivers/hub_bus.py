@@ -136,9 +136,7 @@ class HubBus(can.BusABC):
                 raise can.CanOperationError(self._lost)
             if not self.wire.usable:
                 raise can.CanOperationError(
-                    self._lose(
-                        "an earlier line was not sent completely, so this connection cannot be used any more"
-                    )
+                    self._lose("an earlier line was not sent completely; connect again")
                 )
             try:
                 self._socket.sendall(lines)
@@ -161,7 +159,7 @@ class HubBus(can.BusABC):
             if unfit:
                 raise can.CanOperationError(
                     f"{what} with identifier {msg.arbitration_id:#x} cannot be sent to {self._where}: "
-                    "the socketcand protocol carries classic data frames only"
+                    "socketcand carries classic data frames only; use another interface"
                 )
         data = bytes(msg.data[: msg.dlc])
         try:

@@ -221,14 +221,18 @@ class Link:
                     f"{name} moved from {self.table[name].reads(before[name])} to {self.table[name].reads(means[name])}"
                     for name in names
                 )
-                raise BenchTimeout(f"not settled within {within:g} s: in the last {over:g} s {moved}")
+                raise BenchTimeout(
+                    f"not settled within {within:g} s: in the last {over:g} s {moved}; allow more time"
+                )
 
     def check(self) -> None:
         """Raise an error that occurred in the background: LinkLost, NotCommander, NotRecorded, RigFault if armed."""
         if self._lost:
             raise LinkLost(self._lost)
         if self.commander.failure is not None:
-            raise LinkLost(f"commands cannot be sent: {self.commander.failure}")
+            raise LinkLost(
+                f"commands cannot be sent: {self.commander.failure}; check the adapter and the bus"
+            )
         failed = self.receiver.failure
         if failed is not None and self.receiver.needed:
             self.receiver.needed = False  # raised once: the bench can be brought to rest without a record
@@ -291,7 +295,9 @@ class Link:
             values = capture.values(name)
             good = values[~np.isnan(values)]
             if good.size == 0:
-                raise Stale(f"no sample of {name} came within {over:g} s: {self.readings.show(name)}")
+                raise Stale(
+                    f"no sample of {name} came within {over:g} s: {self.readings.show(name)}; check its sensor"
+                )
             means[name] = float(good.mean())
             self.receiver.rates[name] = good.size / over
         return means

@@ -98,7 +98,9 @@ class ModbusPort:
         reply = self._ask(what, lambda: self._client.read_file_record(records, device_id=self._unit))
         data = b"".join(one.record_data for one in getattr(reply, "records", ()))
         if len(data) != 2 * count:
-            raise LinkLost(f"{what} failed: the device answered {len(data)} bytes instead of {2 * count}")
+            raise LinkLost(
+                f"{what} failed: the device answered {len(data)} bytes instead of {2 * count}; check its unit"
+            )
         return list(struct.unpack(f">{count}H", data))
 
     def write_coil(self, address: int, value: bool) -> None:
@@ -154,7 +156,7 @@ class ModbusPort:
             what, lambda: ask(read_code=_EXTENDED_ACCESS, object_id=start, device_id=self._unit)
         )
         if not isinstance(reply, ReadDeviceInformationResponse):
-            raise LinkLost(f"{what} failed: the device answered with another function")
+            raise LinkLost(f"{what} failed: the device answered with another function; check its unit")
         return dict(reply.information), reply.next_object_id if reply.more_follows else None
 
     def close(self) -> None:

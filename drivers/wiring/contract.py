@@ -16,7 +16,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Final, NamedTuple, Protocol, runtime_checkable
 
 from bench_protocol.arrays import Floats, Ints
 from bench_protocol.clock import Clock, Task
@@ -72,6 +72,13 @@ class Sequences:
     air: Mapping[str, AirFate] = field(
         default_factory=dict
     )  #: state of the air of the springs, by state of the rig, if known
+
+
+#: The error for a rig without a watchdog, of which the name is missing.
+NO_WATCHDOG: Final = (
+    "the wiring of {} does not state that the rig detects a silent commander; set "
+    "capabilities.watchdog = true if it does"
+)
 
 
 @dataclass(frozen=True, slots=True)

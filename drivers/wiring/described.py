@@ -22,6 +22,7 @@ from bench_protocol.words import STATES
 from drivers.errors import BenchError, LinkLost, MapMismatch, Misuse, NotAvailable, Refused, WiringError
 from drivers.wiring.astb.transport import AstbTransport
 from drivers.wiring.contract import (
+    NO_WATCHDOG,
     Capabilities,
     OnLost,
     OnSamples,
@@ -221,7 +222,9 @@ class DescribedWiring(Outlet):
         given = {name: one.conversion.si(numbers[one.given]) for name, one in targets.items()}
         for name, value in given.items():
             if math.isnan(value):
-                raise LinkLost(f"{self.rig} does not report {name}: {targets[name].given} has no value")
+                raise LinkLost(
+                    f"{self.rig} does not report {name}: {targets[name].given} has no value; correct from"
+                )
         return given
 
     def _check_identity(self, clock: Clock, deadline: int) -> None:
@@ -295,15 +298,14 @@ class DescribedWiring(Outlet):
 
     def silent(self) -> AbstractContextManager[None]:
         if self.carrier is None:
-            raise NotAvailable(
-                f"the wiring of {self.rig} does not state that the rig detects a silent commander "
-                "(capability watchdog)"
-            )
+            raise NotAvailable(NO_WATCHDOG.format(self.rig))
         return self.carrier.silent()
 
     def read_file(self, file: int, record: int, count: int) -> list[int]:
         if self.carrier is None:
-            raise NotAvailable(f"{self.rig}: its wiring has no access to files of the rig")
+            raise NotAvailable(
+                f"{self.rig}: its wiring has no access to files of the rig; read them with the rig's own tools"
+            )
         return self.carrier.read_file(file, record, count)
 
     def identity(self) -> str:

@@ -83,7 +83,7 @@ def duration(where: str, text: object) -> float:
 def convert(where: str, table: object, kind: type[T]) -> T:
     """Return ``table`` as a struct ``kind``. Raises WiringError, which begins with ``where``, if it does not fit."""
     if not isinstance(table, Mapping):
-        raise WiringError(f"{where} = {table!r} is not a table of keys and values")
+        raise WiringError(f"{where} = {table!r} is not a table; write its keys and values in {{ }}")
     fields = {field.encode_name: field.type for field in msgspec.structs.fields(kind)}
     for key in table:
         if key not in fields:

@@ -86,7 +86,7 @@ class Listener:
         if self._lost:
             raise LinkLost(self._lost)
         if not self._open:
-            raise LinkLost(f"{self._name} is not connected")
+            raise LinkLost(f"{self._name} is not connected; connect it first")
 
     def silence(self) -> float:
         """Return the time (s) since anything was received; infinite before the first reception."""

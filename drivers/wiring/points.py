@@ -56,7 +56,9 @@ class Points:
         for name, transport in self._transports.items():
             while transport.period > 0 and math.isinf(transport.alive()):
                 if clock.now() >= deadline:
-                    raise LinkLost(f"{rig} is silent: no value came on transport {name} within {within:g} s")
+                    raise LinkLost(
+                        f"{rig} is silent: no value came on transport {name} within {within:g} s; check its connection"
+                    )
                 clock.sleep_until(min(deadline, clock.now() + LOOK))
 
     def write(self, points: Mapping[str, float]) -> None:

@@ -128,7 +128,7 @@ def _own(name: str, kind: str, table: Mapping[str, Any], where: Path) -> Transpo
         else:
             module = importlib.import_module(module_name)
     except Exception as error:  # a user's file may raise any error
-        raise WiringError(f"{place} cannot be imported: {error}") from error
+        raise WiringError(f"{place} cannot be imported: {error}; correct the file or its name") from error
     factory = getattr(module, factory_name, None)
     if not callable(factory):
         raise WiringError(
@@ -140,7 +140,9 @@ def _own(name: str, kind: str, table: Mapping[str, Any], where: Path) -> Transpo
     except WiringError:
         raise
     except Exception as error:  # for example a missing key
-        raise WiringError(f"{place}: the transport could not be created: {error!r}") from error
+        raise WiringError(
+            f"{place}: the transport could not be created: {error!r}; correct its function"
+        ) from error
     if not isinstance(transport, Transport):
         raise WiringError(
             f"{place} returns a {type(transport).__name__}, which is not a Transport; derive its class "

@@ -21,7 +21,7 @@ def functions_file(where: str, name: str, directory: Path) -> Path | None:
         return None
     path = directory / name
     if not path.is_file():
-        raise WiringError(f"{where} = {name!r}: there is no such file in {directory}")
+        raise WiringError(f"{where} = {name!r}: there is no such file in {directory}; correct the name")
     return path
 
 
@@ -32,7 +32,7 @@ def user_function(where: str, path: Path, name: str, arguments: int) -> Combine:
         inspect.signature(function).bind(*[0.0] * arguments)
     except TypeError as error:
         raise WiringError(
-            f"{where} = {name!r}: it must accept {arguments} numbers, one for each point: {error}"
+            f"{where} = {name!r}: it must accept {arguments} numbers, one for each point ({error}); correct it"
         ) from None
 
     def combine(values: Sequence[float]) -> float:
@@ -57,7 +57,7 @@ def _load(where: str, path: Path) -> ModuleType:
     try:
         return _module(path, path.stat().st_mtime_ns)
     except Exception as error:  # a user's file may raise any error
-        raise WiringError(f"{where}: {path.name} cannot be run: {error!r}") from error
+        raise WiringError(f"{where}: {path.name} cannot be run: {error!r}; correct the file") from error
 
 
 @cache

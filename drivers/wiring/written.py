@@ -35,7 +35,7 @@ def plain_number(where: str, given: object) -> float:
     """Return a number of the rig. Raises WiringError for anything else."""
     if isinstance(given, bool) or (isinstance(given, int | float) and math.isfinite(given)):
         return float(given)
-    raise WiringError(f"{where} = {given!r} is not a number")
+    raise WiringError(f"{where} = {given!r} is not a number; write one, such as 0.5")
 
 
 def order_names(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

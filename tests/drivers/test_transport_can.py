@@ -150,7 +150,7 @@ def test_times_on_a_real_bus_are_those_of_the_bench(where: Path) -> None:
 def test_a_bus_that_cannot_be_opened(where: Path) -> None:
     for changes, words in (
         ({"interface": "no_such"}, "'to be chosen' of 'no_such' cannot be opened"),
-        ({"interface": None, "bus": "can7"}, "no CAN interface of that name"),
+        ({"interface": None, "bus": "can7"}, "not a CAN interface of this machine"),
     ):
         transport = CanTransport("bus", {**BUS, **changes}, where)
         with pytest.raises(LinkLost, match=words):

@@ -230,7 +230,7 @@ class AstbRegisters:
             raise MapMismatch(
                 f"the probe registers read {number:g} and {word:#010x}, not {PROBE_FLOAT:g} and "
                 f"{PROBE_WORD:#010x}; the device sends words or bytes in another order, or it is "
-                "another device"
+                "another device; check its address and byte order"
             )
         return (words[1] << 16) | words[2]
 

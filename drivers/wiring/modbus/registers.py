@@ -124,7 +124,7 @@ class RegisterPoint:
         if math.isnan(value) and self.null:
             raw = self.null[0]
         elif not math.isfinite(value):
-            raise ValueError(f"{self.name} = {value:g} is not a number to write")
+            raise ValueError(f"{self.name} = {value:g} is not a number to write; use a finite one")
         else:
             raw = (value - self.offset) / self.scale
         try:

@@ -57,10 +57,10 @@ class NodeKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         raw = (value - self.offset) / self.scale
         if kind == "Boolean":
             if value not in (0.0, 1.0):
-                raise ValueError(f"{name} = {value:g} is not a Boolean (0 or 1)")
+                raise ValueError(f"{name} = {value:g} is not a Boolean; use 0 or 1")
             return bool(value)
         if not math.isfinite(raw):
-            raise ValueError(f"{name} = {value:g} is not a number to write")
+            raise ValueError(f"{name} = {value:g} is not a number to write; use a finite one")
         letter = LETTERS.get(kind)
         if letter is None:
             raise ValueError(
