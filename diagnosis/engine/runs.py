@@ -73,7 +73,7 @@ def measured_channels(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, 
             )
     keep = [i for i in range(len(dataset.channels)) if any(run.counted[:, i].any() for run in dataset.runs)]
     if not keep:
-        raise DiagnosisError("no run has a measured sample that counts, so a diagnosis is not possible")
+        raise DiagnosisError("no run has a measured sample that counts; add runs, or fewer ignored times")
     channels = tuple(dataset.channels[i] for i in keep)
     runs, beside = (
         tuple(replace(run, outputs=run.outputs[:, keep]) for run in some)
@@ -92,7 +92,7 @@ def split(dataset: Dataset, seed: int) -> Dataset:
     """
     count = len(dataset.runs)
     if count == 0:
-        raise DiagnosisError("the dataset holds no runs")
+        raise DiagnosisError("the dataset holds no runs; add at least one")
     part = max(1, round(count / 5)) if count >= 3 else 0
     kept_back: tuple[Role, Role] = ("report", "select")
     others = [role for role in kept_back for _ in range(part)]

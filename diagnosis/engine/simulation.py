@@ -55,7 +55,7 @@ def _blamed(simulator: Simulator, job: Job) -> Iterator[None]:
         raise DiagnosisError(
             f"{simulator.name} failed in the run {job.experiment.name} at "
             f"{described(simulator, job.parameters, job.effects)}: {type(error).__name__}: {error} "
-            f"({place.filename.rpartition('/')[2]}, line {place.lineno})"
+            f"({place.filename.rpartition('/')[2]}, line {place.lineno}); correct this line"
         ) from error
 
 

@@ -243,7 +243,7 @@ def _setting(text: str, setting: SystemSetting, system: System, where: str) -> f
     value = quantity(text, setting.unit, where, system.units, relative=setting.relative)
     if not setting.low <= value <= setting.high:
         raise DiagnosisError(
-            f"{where} = {text} is outside of {setting.low:g} to {setting.high:g} {setting.unit}"
+            f"{where} = {text} is outside the range; use {setting.low:g} to {setting.high:g} {setting.unit}"
         )
     return value
 

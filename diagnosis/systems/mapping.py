@@ -283,7 +283,7 @@ class _Reader:
         for signal in self.system.inputs:
             if signal.name in values and not np.isfinite(values[signal.name]).any():
                 raise DiagnosisError(
-                    f"{path}: column {signal.name} has no numbers in the selected part of the file"
+                    f"{path}: column {signal.name} has no numbers from time.start to time.end; change these times"
                 )
         return grid, values
 
@@ -312,7 +312,7 @@ class _Reader:
         if stated in ("", column.unit):
             if column.unit is None:
                 raise DiagnosisError(
-                    f'{key} is missing, and the head of "{series.name}" in {path} has no unit'
+                    f'{key} is missing, and the head of "{series.name}" in {path} has no unit; add this key to the map'
                 )
             return column.unit
         if column.ignore_head_unit and column.unit is not None:
@@ -377,7 +377,7 @@ def _clock(
     known = {name: one.times[np.isfinite(one.values)] for name, one in table.items()}
     rows = max(len(one.times) for one in table.values())
     if rows < 3:
-        raise DiagnosisError(f"{path}: the file has only {rows} rows, which are too few")
+        raise DiagnosisError(f"{path}: the file has only {rows} rows, which are too few; use a longer file")
     for one in table.values():
         _refuse_standing(path, one)
     # Every column has its own rhythm, as the channels of an MDF file have, or a table with empty cells.

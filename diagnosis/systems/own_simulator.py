@@ -70,7 +70,9 @@ def load_system(name: str, folder: Path) -> System:
 def _failed(name: str, error: Exception) -> DiagnosisError:
     place = extract_tb(error.__traceback__)[-1]
     where = f"{Path(place.filename).name}, line {place.lineno}"
-    return DiagnosisError(f'simulator "{name}" cannot be made: {type(error).__name__}: {error} ({where})')
+    return DiagnosisError(
+        f'simulator "{name}" cannot be made: {type(error).__name__}: {error}; correct {where}'
+    )
 
 
 def _system(name: str, made: object) -> System:

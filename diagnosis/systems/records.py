@@ -208,7 +208,9 @@ def _run(
     measured = {name: values for name, values in measured.items() if np.isfinite(values).any()}
     for side in SIDES:
         if f"{side}.height" not in measured:
-            raise DiagnosisError(f"{record.path}: no sample of {side}.height in {phase.name!r}")
+            raise DiagnosisError(
+                f"{record.path}: no sample of {side}.height in {phase.name!r}; use another record"
+            )
     settings = SettingsOfRecord(record)
     combined = phase.name == COMBINED
     inputs = motion_inputs(measured, STEP, simulator.parameters, free=combined) | settings.valves(grid)
@@ -331,7 +333,7 @@ def _grid(record: Record, phase: Phase) -> Array:
     times, _ = record.series("left.height")
     times = times[(times >= phase.start) & (times < phase.end)]
     if len(times) < 2:
-        raise DiagnosisError(f"{record.path}: no samples in {phase.name!r}")
+        raise DiagnosisError(f"{record.path}: no samples in {phase.name!r}; use another record")
     # Stamps modulo the interval as directions on a circle: their mean does not depend on where the circle begins.
     turn = np.angle(np.mean(np.exp(2j * np.pi * times / STEP))) / (2.0 * np.pi) * STEP
     first, last = (round((time - turn) / STEP) for time in (times[0], times[-1]))

@@ -145,7 +145,9 @@ def given(experiment: Experiment, name: str, default: float | None = None) -> Ar
     if values is not None:
         return values
     if default is None:
-        raise DiagnosisError(f"run {experiment.name} has no input {name}, which the simulation needs")
+        raise DiagnosisError(
+            f"run {experiment.name} has no input {name}, which the simulation needs; record it"
+        )
     return np.full(len(experiment.time), default)
 
 
