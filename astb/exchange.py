@@ -129,7 +129,8 @@ def _import_frames(
         count = recorder.samples
         recorder.close(**account.as_meta())
     if not count:
-        raise RecordError(f"no frame of {source} has a value that {keys.dbc or 'the bench'} describes")
+        dbc = keys.dbc or "the bench"
+        raise RecordError(f"no frame of {source} has a value that {dbc} describes; give its DBC with --dbc")
     return count
 
 

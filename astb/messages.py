@@ -96,7 +96,7 @@ def receiver(to: str, *, elsewhere: bool = False) -> Receiver:
     try:
         words = shlex.split(to)
     except ValueError:
-        raise MessageError(f"{to} is not a command: a quotation mark is not closed") from None
+        raise MessageError(f"{to} is not a command: a quotation mark is not closed; close it") from None
     if not words or shutil.which(words[0]) is None:
         raise MessageError(
             f"there is no command {words[0] if words else to!r} for messages; give a command of this machine with its "

@@ -294,7 +294,9 @@ def kept_frames(session: Session, directory: Path | None) -> Iterator[None]:
     from drivers.can_log import CanLog
 
     if session.listen is None:
-        raise RigFileError("--keep-frames needs a rig with the ASTB protocol; this rig has its own wiring")
+        raise RigFileError(
+            "--keep-frames needs a rig with the ASTB protocol; this rig has its own wiring; omit it"
+        )
     receiver = session.bench.receiver
 
     def fail(failure: CanLogError) -> None:

@@ -124,7 +124,7 @@ def _result(one: _Submitted, limit: float | None) -> Finished:
             words += f", each time beyond its time limit of {limit:g} s"
         return Finished(one.key, None, words, elapsed)
     except (CancelledError, OSError) as error:
-        raise ClusterError(f"the cluster lost the case {one.key}: {error}") from None
+        raise ClusterError(f"the cluster lost the case {one.key}: {error}; check its workers") from None
     except Exception as error:  # its result cannot be sent
         return Finished(one.key, None, in_words(error), elapsed)
     return finished

@@ -115,7 +115,9 @@ def read_table(directory: Path) -> "pa.Table":
             return pa.table({"key": pa.array([], pa.string())})
         whole = pa.concat_tables(parts, promote_options="permissive")
     except (OSError, pa.ArrowException) as error:
-        raise KeptError(f"{directory} cannot be read as the rows of a campaign: {error}") from None
+        raise KeptError(
+            f"{directory} cannot be read as the rows of a campaign ({error}); choose another directory"
+        ) from None
     if any("key" not in one.column_names for one in parts):
         raise KeptError(f"{directory} holds tables that are not rows of a campaign; choose another directory")
     _, first = np.unique(whole["key"].to_numpy(), return_index=True)
@@ -153,7 +155,7 @@ def _table(row: Mapping[str, Any]) -> "pa.Table":
     try:
         return pa.Table.from_pylist([_bare(dict(row))])
     except (pa.ArrowException, TypeError) as error:
-        raise ValueError(f"the row cannot be stored in a table: {error}") from None
+        raise ValueError(f"the row cannot be stored in a table ({error}); return texts and numbers") from None
 
 
 def _unified(*schemas: "pa.Schema") -> "pa.Schema":
@@ -162,7 +164,9 @@ def _unified(*schemas: "pa.Schema") -> "pa.Schema":
     try:
         return pa.unify_schemas(schemas, promote_options="permissive")
     except pa.ArrowException as error:
-        raise ValueError(f"the row has other types than the rows before: {error}") from None
+        raise ValueError(
+            f"the row has other types than the rows before ({error}); return the same types"
+        ) from None
 
 
 def _bare(value: Any) -> Any:

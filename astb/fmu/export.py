@@ -151,7 +151,9 @@ def platforms() -> Mapping[Platform, str]:
     Windows is one of them if mingw-w64 is installed. Raises `ExportError` if there is none.
     """
     if not LINUX:
-        raise ExportError(f"FMUs can be made only on Linux; this is {platform.system()}")
+        raise ExportError(
+            f"FMUs can be made only on Linux; this is {platform.system()}; use a Linux computer"
+        )
     # numba compiles for this processor, so its code for Windows is for the same one.
     systems = (_LINUX, WINDOWS) if _MACHINE == "x86_64" else (_LINUX,)
     found = {
@@ -274,7 +276,7 @@ def _link(system: Platform, compiler: str, place: Path, compiled: Path, code: Co
     done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise ExportError(
-            f"{compiler} could not make the library (status {done.returncode}):\n{done.stderr.strip()}"
+            f"{compiler} made no library (status {done.returncode}); use another compiler:\n{done.stderr.strip()}"
         )
     return library
 

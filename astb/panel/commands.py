@@ -69,7 +69,7 @@ async def read_body(request: Request, most: int, too_much: str) -> bytes:
             if len(body) > most:
                 raise NotAllowed(too_much, 413)
     except ClientDisconnect:
-        raise NotAllowed("the connection ended before the request was complete", 400) from None
+        raise NotAllowed("the connection ended before the request was complete; send it again", 400) from None
     return bytes(body)
 
 

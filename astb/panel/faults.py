@@ -55,7 +55,9 @@ def _order(rig: RigFile, order: dict[str, Any]) -> dict[str, Any]:
     try:
         told = ask(control_path(rig.modbus.host, rig.modbus.port), msgspec.json.encode(order))
     except OSError as error:
-        raise CannotDo(f"the simulated rig cannot be reached: {error.strerror or error}") from None
+        raise CannotDo(
+            f"the simulated rig cannot be reached: {error.strerror or error}; check that it runs"
+        ) from None
     answer: dict[str, Any] = msgspec.json.decode(told)
     if "error" in answer:
         raise CannotDo(answer["error"])

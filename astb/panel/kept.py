@@ -136,7 +136,7 @@ class Kept:
         numbers = PlotData()
         told = replay_of(read(self.known(run)), numbers)
         if told is None:
-            raise RecordError(f"{run} has no reading that the drawing of the bench shows")
+            raise RecordError(f"{run} has no reading that the drawing of the bench shows; choose another run")
         return {"told": told, "packed": numbers.packed}
 
     def report(self, run: str) -> str:
@@ -214,7 +214,7 @@ class Kept:
         """
         known = {one.directory: one for one in RunIndex(self._folder).runs()}
         if run not in known:
-            raise CannotDo(f"{self._folder} holds no run {run!r}")
+            raise CannotDo(f"{self._folder} holds no run {run!r}; reload the page")
         if known[run].verdict == Unfinished.RUNNING:
             raise CannotDo(f"{run} is still running: wait for its end")
         old = self._folder / run
@@ -242,7 +242,7 @@ class Kept:
     def known(self, run: str) -> Path:
         """Return the directory of a run in the index; no other directory is opened."""
         if run not in [one.directory for one in RunIndex(self._folder).runs()]:
-            raise RecordError(f"{self._folder} holds no run {run}")
+            raise RecordError(f"{self._folder} holds no run {run}; reload the page")
         return self._folder / run
 
 

@@ -118,7 +118,7 @@ def _file(known: Known) -> Callable[[Request], Awaitable[Response]]:
         try:
             directory = await to_thread.run_sync(known, run)
             if name not in [one.file for one in notes_of(directory) if one.file]:
-                raise RecordError(f"{run} has no note with a file {name}")
+                raise RecordError(f"{run} has no note with a file {name}; reload the page")
             content = await to_thread.run_sync((directory / NOTES / Path(name).name).read_bytes)
         except RecordError as error:
             return PlainTextResponse(f"{error}\n", 404)

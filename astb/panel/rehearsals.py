@@ -138,5 +138,5 @@ class Rehearsals:
         """Return the page of a rehearsal. Raises RecordError for another folder."""
         path = self._parts.out / of / PAGE
         if Path(of).name != of or _NAME not in of or not path.is_file():
-            raise RecordError(f"{self._parts.out} holds no rehearsal {of}")
+            raise RecordError(f"{self._parts.out} holds no rehearsal {of}; reload the page")
         return read_bounded(path, RESULT_BYTES).decode("utf-8")

@@ -38,7 +38,9 @@ def routes(parts: Parts) -> Sequence[Route]:
         try:
             reserve(rig_file, msgspec.convert(texts, Reservation))
         except msgspec.ValidationError as error:
-            raise NotAllowed(f"this is not a reservation: {error}", 400) from None
+            raise NotAllowed(
+                f"the reservation cannot be read ({error}); enter name, start and end again", 400
+            ) from None
         except NotReserved as error:
             raise CannotDo(str(error)) from None
 
@@ -47,7 +49,9 @@ def routes(parts: Parts) -> Sequence[Route]:
         try:
             cancel(rig_file, datetime.fromisoformat(text_of(body, "start")))
         except ValueError as error:
-            raise NotAllowed(f"this is not a time: {error}", 400) from None
+            raise NotAllowed(
+                f"the time cannot be read ({error}); write it as 2026-03-19T12:30", 400
+            ) from None
         except NotReserved as error:
             raise CannotDo(str(error)) from None
 

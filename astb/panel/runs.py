@@ -100,7 +100,7 @@ class Runs:
             if self.going:
                 raise CannotDo("a run is in progress already; stop it, or wait for its end")
             if link := self._watch.present().link:
-                raise CannotDo(f"no data from the rig: {link}")
+                raise CannotDo(f"no data from the rig: {link}; wait for its data, or restart it")
             content = {"specimen": specimen, "operator": operator, "ambient": ambient}
             self._launch(plan, settings, content, ["--watch"] if twin else [])
             if self._stops != stops:  # a stop that came meanwhile may not have reached the new process
@@ -148,7 +148,7 @@ class Runs:
                 assert self._process is not None
                 self._process.terminate()
                 return
-            raise CannotDo("no run is in progress") from None
+            raise CannotDo("no run is in progress; start one first") from None
         if "error" in answer:
             raise CannotDo(answer["error"])
 

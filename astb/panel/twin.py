@@ -40,7 +40,7 @@ def twin_runs(out: Path, request: Request) -> dict[str, Any]:
     if not run:
         return {"runs": [], "run": "", "story": None}
     if run not in runs:
-        raise RecordError(f"{out} holds no run {run} with results of a twin")
+        raise RecordError(f"{out} holds no run {run} with results of a twin; reload the page")
     story = read_twin(out / run)
     assert story is not None
     return {

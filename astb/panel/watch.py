@@ -190,7 +190,7 @@ class Watch:
 
     def _connected(self) -> Listening:
         if self._listening is None:
-            raise LinkLost(f"the rig cannot be reached: {self.status.link}")
+            raise LinkLost(f"the rig cannot be reached: {self.status.link}; check that it runs")
         return self._listening
 
     # -- in the thread ---------------------------------------------------------------------------------------------

@@ -132,7 +132,9 @@ def plan_of(record: Record) -> "Plan":
     meta = record.meta
     name = meta.get("plan", "")
     if meta.get("sealed_effects"):
-        raise RecordError(f"{record.path}: the effects of its rig are sealed, so the run cannot be repeated")
+        raise RecordError(
+            f"{record.path}: the effects of its rig are sealed, so the run cannot be repeated; use another run"
+        )
     if not meta.get("simulated") or meta.get("time") != "virtual":
         raise RecordError(
             f"{record.path} is not a run of a simulated rig in virtual time, so it cannot be repeated; "

@@ -129,8 +129,8 @@ class _Moves:
         found = bench.average(name, over=_OVER) - before
         if abs(found) > 3 * abs(change) + _NOISE[signal.si]:
             raise RigFault(
-                f"{name} changed by {signal.show(found)} when {signal.show(change)} was asked for: the scale of the "
-                "reading or of its set-point"
+                f"{name} changed by {signal.show(found)} when {signal.show(change)} was commanded; correct the scale "
+                "of the reading or of its set-point"
             )
         self._known.add(name)
 

@@ -61,11 +61,14 @@ class ModbusConnection:
         reply = self._exchange(request)
         took = (self._clock.now() - before) / NS
         if len(reply) < _HEADER.size + 1:
-            raise LinkLost(f"no answer to function {function} came within {ANSWER_WITHIN:g} s")
+            raise LinkLost(
+                f"no answer to function {function} came within {ANSWER_WITHIN:g} s; check that the rig runs"
+            )
         number, protocol, length, _, answered = _HEADER.unpack_from(reply)
         if (number, protocol, length + 6, answered & 0x7F) != (self._number, 0, len(reply), function):
             raise LinkLost(
-                f"the answer to function {function} is none to that request: {reply[:12].hex(' ')}"
+                f"the answer to function {function} must have the header of its request, "
+                f"but begins with {reply[:12].hex(' ')}"
             )
         if answered & 0x80:
             return Answer(reply[8], b"", took)
@@ -81,7 +84,7 @@ class ModbusConnection:
         answer = self.read(function, address, count)
         if answer.code or len(answer.data) != 2 * count:
             raise LinkLost(
-                f"registers {address} to {address + count - 1} cannot be read (exception {answer.code})"
+                f"registers {address} to {address + count - 1} must be readable, not give exception {answer.code}"
             )
         return list(struct.unpack(f">{count}H", answer.data))
 
@@ -221,7 +224,9 @@ def _socket_cable(stack: ExitStack, host: str, port: int) -> Cable:
     try:
         connection = stack.enter_context(socket.create_connection((host, port), timeout=ANSWER_WITHIN))
     except OSError as error:
-        raise LinkLost(f"no Modbus device answers at {host}:{port}: {error.strerror or error}") from None
+        raise LinkLost(
+            f"no Modbus device answers at {host}:{port}: {error.strerror or error}; check host and port"
+        ) from None
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
     def exchange(request: bytes) -> bytes:
@@ -236,7 +241,9 @@ def _socket_cable(stack: ExitStack, host: str, port: int) -> Cable:
         except TimeoutError:
             return b""
         except OSError as error:
-            raise LinkLost(f"the Modbus connection is lost: {error.strerror or error}") from None
+            raise LinkLost(
+                f"the Modbus connection is lost: {error.strerror or error}; check that the rig runs"
+            ) from None
         return reply
 
     return Cable(exchange, connection.close)
