@@ -27,7 +27,7 @@ def test_without_a_change_it_goes_on_as_it_did_to_the_bit(kept, tmp_path):
         assert [list(one) for one in before.series(name)] == [list(one) for one in now.series(name)]
 
 
-def test_with_a_leak_it_is_the_same_before_and_another_afterwards(kept, tmp_path):
+def test_a_leak_changes_the_run_only_after_its_start(kept, tmp_path):
     done = asked("--from", f"{kept}@40s", "--fault", "leak side=left area=0.5mm2", f"--out={tmp_path}")
     text = " ".join(done.output.split())
     assert "up to 40 s the run is identical with" in text
@@ -71,7 +71,7 @@ def test_a_parameter_is_another_one_from_there_on_and_a_volume_keeps_its_gas(kep
 
 
 @pytest.mark.slow
-def test_what_the_run_had_itself_is_read_from_its_record(tmp_path):
+def test_options_of_the_original_run_are_read_from_its_record(tmp_path):
     run = ["run", "leak_down", "--virtual", "--seed=5", "--effect", "maxwell=0.31, time=0.7 s"]
     CliRunner().invoke(commands, [*run, f"--out={tmp_path}"])
     done = asked("--from", f"{tmp_path}/leak_down@40s", f"--out={tmp_path}")
@@ -109,7 +109,7 @@ def test_what_the_run_had_itself_is_read_from_its_record(tmp_path):
         (["aw0", "--change", "orifice_diameter=12mm"], "name either"),
     ],
 )
-def test_what_cannot_be_is_refused_in_words(kept, tmp_path, arguments, why):
+def test_invalid_arguments_are_refused_with_a_reason(kept, tmp_path, arguments, why):
     done = asked(*(one.format(kept=kept) for one in arguments), f"--out={tmp_path}")
     assert done.exit_code == 2, done.output
     assert why in " ".join(done.output.split())

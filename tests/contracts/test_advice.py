@@ -85,5 +85,5 @@ def test_every_command_that_a_message_names_exists():
         ("pip install 'asammdf>=8,<9'", []),
     ],
 )
-def test_what_does_not_exist_is_found(text, told):
+def test_missing_names_in_advice_are_found(text, told):
     assert list(wrong(text)) == told

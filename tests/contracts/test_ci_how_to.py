@@ -33,7 +33,7 @@ def test_the_patterns_find_the_results():
     assert all(Path("runs/aw0", JUNIT).match(one) for one in patterns)
 
 
-def test_yaml_is_yaml():
+def test_yaml_examples_are_valid():
     yaml = pytest.importorskip("yaml")
     blocks = re.findall(r"```yaml\n(.*?)```", PAGE, flags=re.DOTALL)
     gitlab, github = map(yaml.safe_load, blocks)

@@ -74,7 +74,7 @@ def test_imports_are_at_the_top() -> None:
     assert dict(counted) == INSIDE_FUNCTIONS
 
 
-def test_what_counts_as_inside() -> None:
+def test_imports_inside_functions_are_detected() -> None:
     source = "import a\nclass A:\n    import b\n    def f():\n        import c\n        if c:\n            import d\n"
     assert [node.lineno for node in late(ast.parse(source))] == [5, 7]
 

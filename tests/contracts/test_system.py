@@ -72,7 +72,7 @@ def test_what_not_every_system_has_is_asked_for_in_its_places() -> None:
         ("import os\nos.getpid()", set()),
     ],
 )
-def test_asking_is_seen(source: str, found: set[str]) -> None:
+def test_questions_about_the_system_are_detected(source: str, found: set[str]) -> None:
     assert asked_for(source) == found
 
 

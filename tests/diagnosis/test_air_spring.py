@@ -374,7 +374,7 @@ def test_a_softer_frame_gives_less_shear_if_its_compliance_is_stated(made):
 
 
 @pytest.mark.parametrize("give", [0.0, 0.1])
-def test_what_displacements_say_late_has_been_before(made, give):
+def test_late_displacements_have_earlier_spring_readings(made, give):
     """The springs have the history of the later readings, the pistons' transducers are late, the rest is unchanged."""
     delay, skip = 7.5e-3, 20
     time = made.experiment.time
@@ -407,7 +407,7 @@ def test_what_displacements_say_late_has_been_before(made, give):
     assert wrong_kinds >= {"pressure", "force"}
 
 
-def test_what_is_missing_is_named(made):
+def test_missing_inputs_and_settings_are_named(made):
     lone = Experiment(
         "lone", made.experiment.time, {"left.height": made.experiment.inputs["left.height"]}, {}
     )

@@ -82,7 +82,7 @@ def test_with_the_cause_the_stiffness_of_another_plan_is_that_of_the_rig(predict
 
 
 @pytest.mark.slow
-def test_what_the_base_model_imitates_exactly_is_predicted_by_both_and_not_by_the_stock_model(predicted):
+def test_an_effect_equal_to_base_parameters_is_predicted_by_tuned_and_extended_models(predicted):
     rows, truth = predicted("blocked_orifice.left", {"blocked_orifice.left": {"share": 0.24}})
     for name in STIFF:
         row, true = rows[name], truth[name]

@@ -79,7 +79,7 @@ def test_a_surface_that_does_not_improve_unseen_runs_goes(laboratory, monkeypatc
 
 
 @pytest.mark.parametrize("hidden", [{"cubic": {"amplitude": 1e6}}, {"coulomb": {"amplitude": 3.0}}])
-def test_an_outcome_that_the_model_explains_a_score_is_what_the_model_says(laboratory, hidden):
+def test_explained_scores_are_not_listed_as_remaining(laboratory, hidden):
     lab = laboratory(samples=400)
     finding = diagnose(lab.measure(33, hidden), lab.simulator, Config(workers=1))
     explained = [one for one in finding.scores if one.outcome == "below the threshold in the final model"]

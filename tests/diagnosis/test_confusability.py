@@ -202,7 +202,7 @@ def test_a_run_promises_no_more_than_its_record_will_count(ambiguous):
     assert promised(0) == 0.0
 
 
-def test_what_a_record_counts_is_also_known_where_few_channels_were_measured(laboratory):
+def test_counted_samples_are_right_with_few_measured_channels(laboratory):
     lab = laboratory()
     measured = replace(lab.measure(1), channels=(replace(lab.simulator.channels[1], resolution=1.0),))
     measured = replace(measured, runs=tuple(replace(r, outputs=r.outputs[:, 1:]) for r in measured.runs))

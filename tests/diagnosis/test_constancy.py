@@ -104,7 +104,7 @@ def test_what_sound_rigs_show_speaks_against_no_cause():
     assert inconstancy(fitted(1, 1.0, sound=1.01 * float(np.max(chi2 / freedom)))[0], "cause") == 0.0
 
 
-def test_only_what_makes_room_for_a_cause_speaks_against_it():
+def test_only_a_drift_in_an_imitating_parameter_contradicts_a_cause():
     """A drift contradicts a cause in the parameter that imitates it, and in another at most as noise does."""
     in_the_way = [inconstancy(fitted(seed, 1.0, ROOM)[0], "cause") for seed in range(6)]
     elsewhere = [inconstancy(fitted(seed, 1.0, STRANGE)[0], "cause") for seed in range(6)]

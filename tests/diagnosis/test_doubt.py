@@ -91,7 +91,7 @@ def test_the_form_widens_no_amplitude_by_more_than_the_select_runs_leave(laborat
 
 
 @pytest.mark.parametrize("effect", ["quadratic", "lag"])
-def test_what_a_surface_could_do_must_be_clear_of_what_it_sees_besides(laboratory, force_surface, effect):
+def test_a_cause_that_a_surface_imitates_needs_a_clearer_gain(laboratory, force_surface, effect):
     """A surface of a force over displacement and speed could be a quadratic spring, and not what delays a reading."""
     lab = laboratory()
     hidden = {"force": coefficients_of(0.3 * ONE_WAY)}

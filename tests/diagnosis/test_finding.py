@@ -100,7 +100,7 @@ def test_an_interval_of_a_logarithm_is_symmetric_in_ratios(value, sd):
     assert math.log(one.high / one.value) == pytest.approx(1.959963985 * sd, rel=1e-6, abs=1e-12)
 
 
-def test_what_is_not_known_is_null():
+def test_unknown_numbers_are_null():
     assert number(math.nan) is None and number(math.inf) is None and number(2) == 2.0
     assert numbers([1.23456789, math.nan], 3) == [1.23, None]
     unbounded = estimate(LEAK, 1.0, math.inf)

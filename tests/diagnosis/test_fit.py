@@ -146,7 +146,7 @@ def test_columns_of_a_neighbour_lead_to_as_good_a_fit(laboratory):
     assert np.all(np.abs(borrowed.point.numbers - own.point.numbers) < 0.25 * sd)
 
 
-def test_columns_that_come_from_under_another_noise_are_those_of_this_one(laboratory):
+def test_reused_columns_equal_those_of_the_new_noise(laboratory):
     lab = laboratory(samples=300)
     replay = Replay(lab.simulator, lab.measure(7).of("fit"), 1)
     point = base_point(lab.simulator.nuisances, replay.names)

@@ -49,7 +49,7 @@ def test_a_load_that_was_raised_is_remembered_as_an_exponential(memory, at):
         assert remembered(told, side, memory) == pytest.approx(exact, rel=close)
 
 
-def test_what_lies_ahead_is_not_remembered():
+def test_later_motion_is_not_part_of_the_history():
     assert all(value <= LOW for value in remembered_loads(Past(recorded(), 100.0, 120.0), load()).values())
 
 
@@ -115,7 +115,7 @@ def shimmed(times):
 
 
 @pytest.mark.parametrize("memory", [*MEMORIES, 5.0, 55.0, 550.0, 2000.0])
-def test_a_dash_pot_is_behind_by_what_it_has_not_yet_followed(memory):
+def test_dash_pots_lag_exponentially_after_a_change(memory):
     """The emergency springs give more under the higher load, and the shims make up for it: the bellows feel neither."""
     at = 390.0
     told = remembered_places(Past(filled(), at, at + LATE), load(), shimmed)
@@ -142,7 +142,7 @@ def test_fast_dash_pots_have_followed():
     assert 0.0 < behind(told, "right", 1.0) < behind(told, "right", 3.0)
 
 
-def test_a_slow_branch_goes_on_from_where_it_was():
+def test_a_slow_branch_continues_from_its_initial_state():
     """A replay of a hold after a lift is the end of the whole, if it receives how far the dash-pots were behind."""
     bare = {"maxwell_ratio": 0.0, "wall_heat_capacity": 0.0}
     bare |= {f"friction_{way}{part}": 0.0 for way in ("vertical", "lateral") for part in ("", "_slope")}

@@ -179,7 +179,7 @@ def test_a_step_stays_in_range_and_the_others_make_the_best_of_it():
     assert here.step() == pytest.approx(lsq_linear(X, r, (-0.7, 0.8), tol=1e-12).x, abs=1e-6)
 
 
-def test_a_singular_system_leaves_the_unseen_at_zero():
+def test_undetermined_unknowns_of_a_singular_system_are_zero():
     gram = np.array([[2.0, 2.0, 0.0], [2.0, 2.0, 0.0], [0.0, 0.0, 0.0]])
     assert solve(gram, np.array([2.0, 2.0, 0.0])) == pytest.approx([0.5, 0.5, 0.0])
     assert inverse(gram)[2] == pytest.approx([0.0, 0.0, 0.0])

@@ -94,9 +94,7 @@ force = { column = "f", unit = "N" }
 
 @pytest.mark.parametrize("kind", STILL)
 @pytest.mark.parametrize("sign", [1, -1])
-def test_signs_at_a_constant_displacement_are_doubted_at_most_once(
-    kind: str, sign: int, tmp_path: Path
-) -> None:
+def test_at_most_one_sign_is_doubted_at_constant_displacement(kind: str, sign: int, tmp_path: Path) -> None:
     """The sign of a force is known from pressure times area; that of a constant displacement is unknown."""
     mapping = tmp_path / "map.toml"
     mapping.write_text(PRESSED, encoding="utf-8")

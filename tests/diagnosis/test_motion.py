@@ -109,7 +109,7 @@ def test_the_lag_of_a_sensor_is_taken_back():
 
 
 @pytest.mark.parametrize("lag", [1e-4, 6e-4, 5e-3, 0.3, 20.0])
-def test_what_follows_with_a_lag_comes_back(lag):
+def test_a_first_order_lag_is_inverted(lag):
     """Against H = 1/(1 + iωτ) where the start is forgotten, and against its own inverse everywhere."""
     time = STEP * np.arange(4000)
     omega = 2 * np.pi * 3.0

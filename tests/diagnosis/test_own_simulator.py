@@ -189,7 +189,7 @@ def test_what_keeps_the_contract_passes() -> None:
     ],
     ids=["present", "root", "square", "kink", "flat", "zero division", "nan", "shape", "chance"],
 )  # fmt: skip
-def test_what_breaks_the_contract_is_named_with_its_parameters(term, low: float, message: str) -> None:
+def test_contract_violations_name_the_parameters(term, low: float, message: str) -> None:
     with refuses(DiagnosisError, message):
         check_contract(Scale(term, low), PUSHED)
 

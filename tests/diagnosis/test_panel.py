@@ -140,7 +140,7 @@ def test_each_row_reacts_to_what_it_says_and_not_to_others(name):
     assert all(p[test] > 5e-3 for test in silent), p
 
 
-def test_leak_goes_on_and_heat_settles():
+def test_a_leak_continues_and_a_heat_effect_settles():
     rng = np.random.default_rng(3)
     assert "does not stop" in TEST["hold"](seen(rng, CASES["leak"][0]), 0).sentence
     assert "settles" in TEST["hold"](seen(rng, CASES["settling"][0]), 0).sentence
@@ -159,7 +159,7 @@ def test_loss_grows_as_its_mechanism_says():
     assert viscous.points_to == "viscous loss, or Maxwell below its peak"
 
 
-def test_size_names_the_band():
+def test_the_size_test_names_the_frequency_band():
     t = EXPERIMENT.time
     evidence = TEST["size"](seen(np.random.default_rng(6), 0.5 * np.sin(2 * np.pi * 7 * t)), 0)
     assert "5 to 10 Hz" in evidence.sentence and evidence.p < 1e-6

@@ -99,7 +99,7 @@ def test_friction_state_stays_within_one_and_follows_the_motion(steps: list[floa
     assert friction_state(-x, x_2) == pytest.approx(-alpha, abs=1e-12)
 
 
-def test_coulomb_friction_is_what_the_limit_of_no_presliding_is(piston) -> None:
+def test_coulomb_friction_is_the_limit_without_presliding(piston) -> None:
     run = strokes()
     sharp = piston.run(run, {}, {"coulomb": {"force": 5.0}})
     limit = {"force_at_4_bar": 5.0, "pressure_share": 0.0, "presliding": 1e-6}

@@ -107,7 +107,7 @@ def test_steps_on_both_sides_of_a_quick_stretch_are_two():
 
 
 @pytest.mark.parametrize("hertz", [0.7, 1.3, 2.1, 3.3])
-def test_a_coarse_reading_that_is_quick_shows_the_whole_wave(hertz):
+def test_a_coarse_thermometer_shows_the_full_wave(hertz):
     """Half-way between samples a wave is further out than half-way between their readings: each is used separately."""
     time = np.arange(0.0, 200.0, STEP)
     cooling, wave = 295.0 - 0.0037 * time, 0.2 * np.sin(2.0 * np.pi * hertz * time)
@@ -147,7 +147,7 @@ def test_readings_show_a_coarser_step_than_the_data_sheet(rounded, dataset):
     assert coarse[moving].sum() > 0.06 * moving.sum()
 
 
-def test_of_a_stretch_within_one_step_its_middle_counts():
+def test_a_constant_section_is_represented_by_its_middle():
     still, quick = [300.0] * 8 + [400.0] + [300.0] * 12, [600.0, 900.0, 1200.0, 1200.0, 800.0]
     values = np.array([*still, *quick, np.nan])
     kept = while_it_moves(values, 100.0)

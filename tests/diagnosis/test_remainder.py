@@ -107,7 +107,7 @@ def test_what_leaves_most_of_the_error_in_every_channel_is_not_named():
     assert final(Verdict.NAMED, left(after=1.0, part=math.nan)) is Verdict.NAMED
 
 
-def test_what_a_cause_gains_is_a_part_of_what_can_be_explained():
+def test_the_gain_of_a_cause_is_relative_to_the_explainable_part():
     found = left(before=5.0, after=2.0, lag=3.0, drift=2.0, leak=1.0)
     assert found.gained("lag") == pytest.approx((9.0 - 4.0) / 8.0)
     assert found.gained("drift") == 0.0

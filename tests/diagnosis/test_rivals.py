@@ -38,7 +38,7 @@ def test_a_swap_ends_on_the_better_set_and_its_rival_is_behind(last):
     assert rival.bic - settled.current.model.bic == pytest.approx(60.0 - 100.0 + SAMPLES * log(4.0))
 
 
-def test_a_rival_that_is_worse_stays_as_far_behind_as_it_was():
+def test_a_worse_rival_keeps_its_bic():
     only = state("friction", 100.0, 1.0, "lag", 130.0)
     settled = _settled({frozenset({"friction"}): only}, only)
     assert [trial.bic for trial in settled.rivals["friction"]] == [130.0]

@@ -236,7 +236,7 @@ def test_a_rough_job_tells_itself_that_the_valve_opens(bench):
     assert simulator.effort["packs"] == 1, "and it is tried once"
 
 
-def test_only_what_differs_is_integrated(bench, integrated):
+def test_only_changed_springs_are_integrated(bench, integrated):
     one, other = shaken("one", 0.5), shaken("other", 0.5, 1.3)
     base = [Job(one, {}, {}), Job(other, {}, {})]
     assert len(list(bench.simulator.run_many(base))) == 2

@@ -300,7 +300,7 @@ def test_false_alarms(laboratory, conditions, most):
         (2.4, {"little": 0.8, "worse": -1.1}, ["little"]),
     ],
 )
-def test_what_comes_near_to_a_cause_is_its_alternative_however_little_both_gain(gain, others, kept):
+def test_causes_with_a_similar_gain_are_alternatives(gain, others, kept):
     def trial(name, gained):
         return SimpleNamespace(effect=name, bic=1000.0 - gained)
 

@@ -32,7 +32,7 @@ SLOW = pytest.mark.slow
 
 
 @pytest.mark.parametrize("seed", [1001, pytest.param(1, marks=SLOW), pytest.param(7, marks=SLOW)])
-def test_a_stop_that_is_met_now_and_then_is_named_with_its_size(laboratory, oscillator, seed):
+def test_an_intermittent_stop_is_named_with_its_size(laboratory, oscillator, seed):
     lab = laboratory(oscillator(catalogue=CATALOGUE))
     finding = diagnose(lab.measure(seed, HIDDEN), lab.simulator, ONE)
     assert finding.verdict in {Verdict.NAMED, Verdict.REMAINDER}
@@ -49,7 +49,7 @@ def test_without_the_second_look_it_is_not_found(laboratory, oscillator, monkeyp
     assert not diagnose(data, lab.simulator, ONE).causes
 
 
-def test_the_page_shows_this_stop():
+def test_the_documentation_has_the_same_stop():
     (example,) = (
         text
         for text in re.findall(r"```python\n(.*?)```", PAGE.read_text(), flags=re.DOTALL)
@@ -96,7 +96,7 @@ def test_what_diverges_at_a_finite_amplitude_is_left_out(laboratory, oscillator,
 
 
 @pytest.mark.parametrize("seed", [1001, pytest.param(1, marks=SLOW)])
-def test_a_stop_that_is_not_looked_for_makes_no_other_cause(laboratory, oscillator, seed):
+def test_a_stop_without_a_candidate_causes_no_wrong_name(laboratory, oscillator, seed):
     """A candidate that leaves most of the error is not named: the verdict reports an unknown error."""
     lab = laboratory(oscillator())
     finding = diagnose(lab.measure(seed, HIDDEN), lab.simulator, ONE)

@@ -44,7 +44,7 @@ def thrown_out(problem, cause, understudy):
 
 
 @pytest.mark.parametrize(("hidden", "understudy"), SHARED, ids=str)
-def test_what_left_for_the_sake_of_another_comes_back(laboratory, hidden, understudy):
+def test_causes_displaced_by_a_substitute_return(laboratory, hidden, understudy):
     lab = laboratory(samples=400)
     data = lab.measure(11, hidden)
     (cause,) = hidden

@@ -50,7 +50,7 @@ def test_every_file_of_the_engine_is_a_step_or_serves_several():
     assert files - set(named) == SHARED
 
 
-def test_every_level_stands_in_the_config():
+def test_all_thresholds_are_in_the_config():
     assert sum(name.isupper() for name in vars(config)) > 60
     elsewhere = [
         (path.name, line)

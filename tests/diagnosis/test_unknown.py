@@ -49,7 +49,7 @@ def test_a_stop_that_no_catalogue_knows_is_seen_fitted_and_located(laboratory, f
     assert "not kept" not in unknown.sentence and "valid only for" in unknown.sentence
 
 
-def test_what_depends_on_one_state_is_clearest_along_it(laboratory, force_surface):
+def test_a_force_over_one_state_is_clearest_along_this_state(laboratory, force_surface):
     """A stop that the sum of all coefficients would leave in doubt."""
     small = {"stop": {"amplitude": 2.0, "gap": 0.012}}
     clear = fitted(laboratory, force_surface, 3, small)[3]

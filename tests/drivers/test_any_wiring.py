@@ -174,7 +174,7 @@ ASKED = {
 
 
 @pytest.mark.parametrize("name", ASKED)
-def test_what_is_absent_says_so_when_it_is_asked(tiny, bench, name):
+def test_absent_signals_are_refused_with_the_reason(tiny, bench, name):
     tiny.settings["lateral.control"] = 1.0
     said = dict(tiny.settings)
     with pytest.raises(NotAvailable) as refusal:

@@ -184,7 +184,7 @@ BITS = {"start": 0, "length": 8}
         ({"messages": {"M": {"id": 0x201}}, "points": {"M.a": BITS}}, "identifier 0x201"),
     ],
 )
-def test_a_description_that_cannot_be(changes: dict, words: str, where: Path) -> None:
+def test_invalid_descriptions_are_refused(changes: dict, words: str, where: Path) -> None:
     def never() -> InMemoryCan:
         raise AssertionError("the bus is not opened")
 

@@ -125,7 +125,7 @@ def test_who_only_listens_is_nobodys_commander():
         assert TABLE.index["left.height"] in received
 
 
-def test_the_file_knows_every_state_of_our_rig_and_what_becomes_of_the_air():
+def test_the_supplied_file_has_all_signals_and_states_of_our_rig():
     told = own_description()
     assert told.sequences.air == AIR_BY_STATE
     further = {signal.name for signal in TABLE.of_kind(Kind.FURTHER)}
@@ -166,7 +166,7 @@ def test_keys_of_the_transport_that_cannot_be(keys, words):
         ({"AKTIVE": "let off"}, "sequences.air 'AKTIVE'"),
     ],
 )
-def test_what_becomes_of_the_air_is_one_of_three_things(air, words):
+def test_invalid_states_of_the_air_are_refused(air, words):
     keys = read_toml(FILE)
     with refuses(WiringError, words):
         describe(keys | {"sequences": {"air": air}}, FILE, TABLE)

@@ -146,7 +146,7 @@ def test_a_value_of_two_transports_is_new_when_the_last_of_its_points_came(wired
 
 
 @pytest.mark.parametrize("number", [math.inf, -math.inf])
-def test_what_is_infinite_is_none(wired, number):
+def test_infinite_readings_are_not_available(wired, number):
     """An infinite pressure would be above every target."""
     wired.plc.points["left_height"] = wired.plc.points["slow_pressure"] = number
     wired.open()
@@ -367,7 +367,7 @@ def test_a_mode_must_not_change_under_a_program(wired):
     assert wired.last("rig.program") == 3
 
 
-def test_what_cannot_be_taken_back_hides_no_refusal(wired):
+def test_a_failed_restore_does_not_hide_the_refusal(wired):
     wired.open()
     wired.deaf = True
     write = wired.plc.write

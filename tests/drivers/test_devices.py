@@ -106,7 +106,7 @@ def test_filling_holding_and_venting(world, armed):
     assert (armed.air.left_mode, armed.air.right_mode) == ("level", "level")
 
 
-def test_one_side_only(world, armed):
+def test_air_orders_for_one_side_leave_the_other(world, armed):
     armed.air.fill(left=1 * bar, within=5 * s)
     assert armed.air.left_mode == "fill"
     assert armed.air.right_mode == "hold"

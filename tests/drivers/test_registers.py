@@ -130,7 +130,7 @@ def test_a_text(order: str) -> None:
         ({"bit": 3, "bits": 4}, 16.0, r"height = 16 is not 4 bits \(0 to 15\)"),
     ],
 )
-def test_what_does_not_fit(keys: dict, value: float, words: str) -> None:
+def test_values_outside_the_register_are_refused(keys: dict, value: float, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         point(**keys).encode(value)
 

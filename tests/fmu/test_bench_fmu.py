@@ -95,7 +95,7 @@ def test_it_does_what_the_plant_does(bench_fmus, isolated, ticks):
     assert np.ptp(right[:, [0, 1, 2, 11, 16, 17, 21]], axis=0).min() > 1e-4
 
 
-def test_it_begins_without_air_as_the_plant_does(bench_fmus, isolated):
+def test_the_fmu_starts_without_air_like_the_plant(bench_fmus, isolated):
     plant = Plant.depressurised(load().record)
     plant.inputs[Input.SUPPLY] = 1.0
     plant.inputs[[Input.LEFT_SERVICE_VALVE, Input.RIGHT_SERVICE_VALVE]] = 1.0

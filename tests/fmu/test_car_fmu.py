@@ -95,7 +95,7 @@ def by_the_law(rows: np.ndarray, ticks: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("ticks", [1, 5, 20])
-def test_it_does_what_the_law_does(car_fmus, isolated, ticks):
+def test_the_car_fmu_equals_the_law(car_fmus, isolated, ticks):
     """Also when it is saved, and gone on with in another instance."""
     rows = given(ticks)
     right = by_the_law(rows, ticks)
@@ -124,7 +124,7 @@ def test_a_hundred_cars_do_not_meet_and_parts_of_a_tick_are_kept(car_fmus, isola
     assert got["parts"] == pytest.approx(got["whole"], rel=1e-12, abs=1e-15)
 
 
-def test_what_does_not_fit_is_a_status_with_words(car_fmus, isolated):
+def test_invalid_values_give_a_status_and_a_message(car_fmus, isolated):
     got = isolated(car_fmus[3], "car_refusals")
     assert got["mass"] == ["mass = 0 kg is outside 1 to inf kg"]
     assert got["stop"] == ["bump_stop_travel[2] = 0.01 m does not exceed bump_stop_travel[1] = 0.025 m"]

@@ -151,7 +151,7 @@ def test_a_held_input_drives_the_model_as_it_drove_the_thing(
 
 @settings(deadline=None)
 @given(data=st.data())
-def test_what_flows_in_all_is_kept_whatever_the_clock_of_the_samples(data: st.DataObject) -> None:
+def test_the_integral_of_held_inputs_is_kept(data: st.DataObject) -> None:
     """The mean of each step of the grid adds up to the integral of the stairs."""
     gaps = data.draw(st.lists(st.floats(0.01, 3.0), min_size=2, max_size=30))
     time = np.concatenate([[0.0], np.cumsum(gaps)])

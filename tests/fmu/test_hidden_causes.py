@@ -40,7 +40,9 @@ def noise_ratio(finding: Finding) -> float:
     [({"overflow": 0.003}, "overflow", 0.003), ({"overflow": 0.0, "seep": 2e-4}, "seep", 2e-4)],
     ids=["overflow", "seep"],
 )
-def test_two_tanks(tmp_path: Path, hidden: dict[str, float], cause: str, size: float) -> None:
+def test_causes_in_two_tanks_are_named(
+    tmp_path: Path, hidden: dict[str, float], cause: str, size: float
+) -> None:
     finding = diagnosed(tmp_path, "TwoTanks", 2, measured.tanks(tmp_path, **hidden), BOTH)
     assert finding.names == (cause,) and finding.verdict is Verdict.NAMED
     (amplitude, *shapes) = finding.causes[0].parameters
@@ -51,7 +53,7 @@ def test_two_tanks(tmp_path: Path, hidden: dict[str, float], cause: str, size: f
     assert noise_ratio(finding) < 1.05
 
 
-def test_what_is_not_in_the_list_is_unknown_and_lies_where_it_acts(tmp_path: Path) -> None:
+def test_an_unlisted_cause_is_unknown_and_located(tmp_path: Path) -> None:
     files = measured.tanks(tmp_path, overflow=0.003)
     finding = diagnosed(tmp_path, "TwoTanks", 2, files, TANKS + SEEP + ANY_FLOW)
     assert finding.verdict is Verdict.UNKNOWN and finding.names == ()

@@ -137,7 +137,7 @@ def test_the_library_does_not_link_python(spring_fmus, bench_fmus, car_fmus, tmp
     assert all(one.startswith(f"fmi{version}") for one in ours), "only functions of FMI are seen from outside"
 
 
-def test_it_does_what_the_laws_do(spring_fmus, isolated, ridden, tmp_path):
+def test_the_spring_fmu_equals_the_laws(spring_fmus, isolated, ridden, tmp_path):
     """Within 1e-12 of plain Python, for steps of 1, 5 and 20 ms, also when saved and gone on with in another one."""
     motion, rows = ridden
     np.savez(tmp_path / "motion.npz", motion=motion)
@@ -207,7 +207,7 @@ def test_springs_that_are_moved_by_jumps_are_as_stiff(spring_fmus, isolated):
     assert np.abs(found - right).max() < 0.02 * np.ptp(right)
 
 
-def test_it_is_a_replay_where_speeds_are_constant(spring_fmus, isolated):
+def test_the_fmu_equals_a_replay_at_constant_speed(spring_fmus, isolated):
     """`replay` takes another road: cubics between samples, which a constant speed makes straight."""
     n = 301
     speeds = np.array([0.03, -0.02, 0.05])
@@ -241,13 +241,13 @@ def test_a_hundred_of_them_do_not_meet(spring_fmus, isolated):
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_what_is_left_of_a_tick_is_kept(spring_fmus, isolated, version):
+def test_the_rest_of_a_tick_is_kept_for_the_next_step(spring_fmus, isolated, version):
     got = isolated(spring_fmus[version], "remainder")
     assert equal(np.array(got["parts"])[None], np.array(got["whole"])[None], 1e-12)
 
 
 @pytest.mark.parametrize("version", VERSIONS)
-def test_what_does_not_fit_is_a_status_with_words(spring_fmus, isolated, version):
+def test_invalid_values_give_a_status_and_a_message(spring_fmus, isolated, version):
     got = isolated(spring_fmus[version], "refusals")
     assert got["range"] == ["left.effective_area = 3 m2 is outside 0.1 to 0.5 m2"]
     assert got["kept"] == [0.26]

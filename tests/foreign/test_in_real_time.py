@@ -45,7 +45,7 @@ def test_aw0_and_aw3_run_on_both_at_once(started, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["plant_a", "hall_b"])
-def test_a_stranger_who_is_not_there_blocks_the_plan(name, tmp_path, wired):
+def test_a_missing_third_party_rig_blocks_the_plan(name, tmp_path, wired):
     rig_file = wired(name, "127.0.0.1:1", tmp_path)
     done = begin(rig_file, "aw0", tmp_path / "out")
     said, _ = done.communicate(timeout=60)

@@ -29,7 +29,7 @@ def test_the_mutator_repeats_itself_and_is_not_dull() -> None:
     assert len(set(first)) > 1500
 
 
-def test_what_is_kept_is_read_back(tmp_path, monkeypatch) -> None:
+def test_kept_seeds_are_read_back(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("tests.fuzz.mutator.SEEDS", tmp_path)
     found = [bytes(range(256)), b'it\'s "quoted"\\', b""]
     for data in found:

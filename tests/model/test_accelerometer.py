@@ -72,7 +72,7 @@ def test_a_bolster_that_rests_rolled_reads_its_lean():
 
 @settings(deadline=None)  # the first call compiles
 @given(st.floats(-1.0, 1.0), st.integers(0, 1000))
-def test_a_replay_takes_out_of_a_reading_what_put_it_in(height, seed):
+def test_a_replay_inverts_the_accelerometer_equation(height, seed):
     """From the readings of an accelerometer anywhere, a diagnosis knows how the centre is accelerated."""
     record = BENCH.with_values(accelerometer_height=height).record
     motion = Motion.through(1e-2 * np.random.default_rng(seed).normal(size=(12, DIRECTIONS)), 5e-3)

@@ -109,7 +109,7 @@ def test_four_supports_that_are_alike_are_as_good_as_stiff_ones(cells):
     np.testing.assert_allclose(readings, sound, rtol=1e-12)
 
 
-def test_what_cannot_be_is_refused(parameters):
+def test_invalid_soft_supports_are_refused(parameters):
     with refuses(ParameterError, "softer -10 % 0 % 1000 %"):
         with_effects(parameters("AW0"), {"soft_support.1": {"softer": -0.1}})
     with refuses(ParameterError, "soft_support.5"):

@@ -185,7 +185,7 @@ def test_without_heat_the_gas_keeps_what_work_is_done_on_it(effect):
 
 
 @every(lambda effect: effect.shown_by is ShownBy.COMMANDS)
-def test_what_only_commands_show_leaves_no_trace_in_an_imposed_motion(effect):
+def test_effects_of_the_commands_do_not_change_a_replay(effect):
     one, other = (replay(changed(BASE, effect, a)).readings for a in (0.0, effect.amplitude.typical))
     moved = np.ptp(one - other, axis=0) > 0.0
     assert not moved[: Sensor.VERTICAL_LEFT_FORCE].any()

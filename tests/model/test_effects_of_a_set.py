@@ -99,7 +99,7 @@ def test_shapes_follow_the_amplitude_and_spaces_do_not_matter():
         ("maxwell=0.1,time=1000s", "maxwell time 1000 s 0.005 s 30 s"),
     ],
 )
-def test_what_does_not_fit_is_refused(text, reason):
+def test_invalid_effects_are_refused(text, reason):
     with refuses(ParameterError, reason):
         name, values = parse_effect(text)
         with_effects(BASE, {name: values})

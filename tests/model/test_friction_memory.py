@@ -40,7 +40,7 @@ def test_a_tremble_on_the_way_leaves_no_trace(back):
     assert trembling.go(1e-3, 4e-3) == pytest.approx(straight, abs=1e-12)
 
 
-def test_the_loop_that_is_forgotten_had_almost_closed():
+def test_a_small_friction_loop_is_almost_closed():
     element = Element()
     before = element.go(-2e-3, 1e-3)
     element.go(1e-3 - 0.9 * SMALL_LOOP * TRAVEL)

@@ -76,7 +76,7 @@ def earlier(rows: np.ndarray, delay: np.ndarray | float) -> np.ndarray:
         ("displacement_latency", DISPLACEMENTS),
     ],
 )
-def test_what_is_late_is_what_was(rig, name, late, delay):
+def test_delayed_readings_equal_earlier_ones(rig, name, late, delay):
     healthy, given = shaken(rig()), shaken(rig({name: {"delay": delay}}))
     skip = round(delay / MS) + 4
     expected = earlier(healthy, delay)[skip:, late]

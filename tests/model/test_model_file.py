@@ -225,7 +225,7 @@ def test_effects_without_changes_make_a_file_for_sealing(tmp_path):
 
 
 @pytest.mark.parametrize("value", [None, float("inf"), float("nan")])
-def test_what_a_model_file_cannot_hold_is_not_written(tmp_path, value):
+def test_unsupported_values_of_a_model_file_are_refused(tmp_path, value):
     with pytest.raises(TypeError, match=f"a model file cannot hold {value}"):
         write_model(tmp_path / "x.toml", Model("astb", finding={"verdict": value}))
     assert not list(tmp_path.iterdir())

@@ -106,7 +106,7 @@ def test_units_are_converted_once():
         ("[load_case.AW0]", "[load_case.AW0]\nmass = 3", "load case AW0 has"),
     ],
 )
-def test_what_does_not_fit_is_refused(written, old, new, message):
+def test_invalid_parameters_are_refused(written, old, new, message):
     with pytest.raises(ParameterError, match=f"changed.toml.*{message}"):
         load(written(old, new))
 

@@ -67,7 +67,7 @@ def test_unstorable_data_are_refused_without_a_file(kept, words, status, why):
     assert not (run / NOTES).exists() or not any((run / NOTES).iterdir())
 
 
-def test_a_film_is_no_note(kept, monkeypatch):
+def test_too_large_files_of_notes_are_refused(kept, monkeypatch):
     monkeypatch.setattr("astb.panel.notes.FILE_MAX", 1000)
     page, _, run = kept
     told = added(page, "film.mp4", (b"x" * 100 for _ in range(11)))

@@ -181,7 +181,7 @@ def test_a_page_that_does_not_read_loses_pictures_and_blocks_no_other(served, pa
 
 
 @pytest.mark.real_time
-def test_what_a_page_cannot_want_is_refused(served, parts):
+def test_invalid_requests_of_a_page_are_refused(served, parts):
     port, _ = served
     for text in (
         "nonsense",

@@ -125,7 +125,7 @@ def test_the_count_of_the_program_before_does_not_begin_the_window():
     assert t[inside][0] == pytest.approx(0.8)
 
 
-def test_a_line_goes_through_what_is_there():
+def test_a_fitted_line_ignores_gaps():
     t = grid(1.0)
     x = np.where(t == t[7], np.nan, 300.0 - 2.0 * t)
     level, slope = straight_line(t, x)

@@ -175,7 +175,7 @@ def test_what_is_no_text_closes_a_terminal_and_leaves_no_question_waiting():
     assert answered(Terminal(Console(file=io.StringIO()), lines), "ready?") == "the terminal is closed"
 
 
-def test_what_was_typed_before_a_question_does_not_answer_it():
+def test_earlier_keyboard_input_does_not_answer_a_question():
     here, there = pty.openpty()
     with os.fdopen(there, encoding="utf-8") as lines:
         os.write(here, b"done\n")

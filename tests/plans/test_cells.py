@@ -98,7 +98,7 @@ def test_struts_give_spring_loads_and_lateral_force(left, right, sheared, ahead)
         assert cells.upward_force(read, rig) == pytest.approx(left + right, abs=1e-4)
 
 
-def test_what_an_arrangement_cannot_see_has_a_name():
+def test_parts_that_cells_cannot_measure_are_named():
     assert cells.unseen(ours()) == ("force ahead",)
     assert cells.unseen(ours(), UPRIGHT) == ("force ahead", "force sideways", "yaw moment")
     assert cells.unseen(ours(), ACROSS) == cells.PARTS[:-1]  # a force sideways may be a roll moment there

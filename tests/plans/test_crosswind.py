@@ -82,7 +82,7 @@ def test_the_transfer_function_of_an_oscillator_in_noise_is_found_with_its_uncer
     assert 52 <= hits <= 60
 
 
-def test_what_is_one_behind_the_other_by_a_lag_is_put_right():
+def test_different_lags_of_transducers_are_corrected():
     """Two transducers of first order see the same sine; the spectra give their input."""
     t = np.arange(0, 80, 0.005)
     tau, omega = 20e-3, 2 * np.pi

@@ -257,7 +257,7 @@ def test_every_plan_that_judges_says_what_it_requires():
     assert {name for name, one in plans().items() if one.judges and not one.requires} == set()
 
 
-def test_what_carries_the_load_that_is_chosen_needs_so_much_supply(bench_composed, tmp_path):
+def test_the_required_supply_depends_on_the_chosen_load(bench_composed, tmp_path):
     for load, verdict in (("AW0", Outcome.PASS), ("AW3", Outcome.BLOCKED)):
         one = plan(requires=[pre.supply_for("load")], setup=empty_plan, teardown=empty_plan)(carrying)
         with bench_composed(supply_pressure=5 * bar) as made:
@@ -347,7 +347,7 @@ def test_no_library_is_asked_whether_a_plan_can_be_held():
     assert not can_be_held(plan(computes))
 
 
-def test_plans_that_can_be_held_are_those_that_say_so():
+def test_plans_with_hold_points_are_detected():
     can = {name for name, one in plans().items() if can_be_held(one)}
     assert {"tightness", "axial_stiffness", "endurance", "leveling"} <= can
     assert not can & {"safety", "bump_stop", "lateral_stiffness", "screening"}

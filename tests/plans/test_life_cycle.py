@@ -297,7 +297,7 @@ def test_a_plan_that_ends_the_program_is_torn_down(made):
     assert result.reason.startswith("the plan: SystemExit at test_life_cycle.py:")
 
 
-def test_whoever_limits_the_time_of_a_case_from_outside_is_not_kept_from_it(made):
+def test_an_external_timeout_is_not_caught(made):
     with pytest.raises(OutOfTime):
         made(raising(OutOfTime()))
 

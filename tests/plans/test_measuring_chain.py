@@ -124,7 +124,7 @@ def test_steel_blocks_are_stiffer_than_can_be_seen_and_springs_are_not_taken_for
 
 
 @slow
-def test_blocks_on_something_soft_fail(judged):
+def test_blocks_on_a_soft_support_fail(judged):
     soft = BLOCKS | {"contact_stiffness": 100 * MN, "contact_height": -1 * mm}
     result, failed = judged("measuring_chain", given={"dummy": "blocks"}, **soft)
     assert result.verdict is Outcome.FAIL

@@ -119,7 +119,7 @@ def test_a_name_that_cannot_be_is_refused(tmp_path, name):
     assert not list(tmp_path.iterdir())
 
 
-def test_what_is_nearly_a_name_is_asked_back():
+def test_a_misspelt_plan_gets_a_suggestion():
     code, said = astb("run", "leakdown", "--virtual")
     assert (code, "there is no plan 'leakdown'; did you mean 'leak_down'?" in said) == (MISUSE, True)
 

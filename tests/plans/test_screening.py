@@ -175,7 +175,7 @@ def test_the_bench_moves_as_predicted_and_the_record_knows_the_valves(bench_run,
 @pytest.mark.parametrize(
     "wrong", [("force_gain", "-1 %"), ("pressure_offset.right", "-300 mbar")], ids=lambda w: w[0]
 )
-def test_what_reads_wrong_does_not_block_the_programme_that_looks_for_it(judged, monkeypatch, wrong):
+def test_a_wrong_reading_does_not_block_a_programme(judged, monkeypatch, wrong):
     """A plan that judges needs the load reading; here the reading may be the unknown."""
     monkeypatch.setitem(plans(), "full", programme_plan(FULL))
     result, _ = judged("full", effects=[wrong])
@@ -245,7 +245,7 @@ def test_two_programmes_never_have_one_name():
     assert all(plans()[name].lasts > 60 for name in MENU)
 
 
-def test_springs_that_do_not_follow_fail(bench_run, monkeypatch):
+def test_too_slow_actuators_fail_the_programme(bench_run, monkeypatch):
     monkeypatch.setitem(plans(), "short", programme_plan(SHORT))
     run = bench_run("short", actuator_speed_limit=[0.6, 0.6, 0.01])
     assert run.result.verdict is Outcome.FAIL

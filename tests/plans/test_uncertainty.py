@@ -377,7 +377,7 @@ def _phase(readings, frequency=2.0, rate=200.0):
 
 
 @pytest.mark.parametrize(("clock", "within"), [("hardware", 5e-6), ("system", 900e-6)])
-def test_a_phase_is_as_uncertain_as_the_clocks_that_stamped_its_readings(clock, within):
+def test_the_uncertainty_of_a_phase_includes_the_clocks(clock, within):
     times = np.arange(400) / 200.0
     sines = {
         "left.height": 5 * mm * np.sin(tau * 2 * times),

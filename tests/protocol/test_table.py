@@ -170,7 +170,7 @@ def test_adding_is_no_move_and_removing_is() -> None:
         assert all(address in inputs for address in range(first, end + 1))
 
 
-def test_what_is_added_where_a_block_ends_is_a_move() -> None:
+def test_a_signal_at_the_end_of_a_block_is_reported_as_a_move() -> None:
     taken = dataclasses.replace(TABLE["left.height"], name="left.strain", address=216)
     shifted = Table((*TABLE.signals, taken), TABLE.messages, registers_of((*TABLE.signals, taken)))
     wanted = "input 00216 was “modbus.sequence uint16” and is now “left.strain float32”"

@@ -56,7 +56,7 @@ def test_a_row_without_one_of_its_fields_is_refused(field):
         ("noise_provenance", "rumour"),
     ],
 )
-def test_what_cannot_be_names_row_field_and_value(field, value):
+def test_invalid_fields_are_refused_with_row_field_and_value(field, value):
     with pytest.raises(ValueError, match=rf"height\.{field} = ") as error:
         replace(Group.HEIGHT.row, **{field: value})
     assert repr(value) in str(error.value)

@@ -29,7 +29,7 @@ def sweep(name: str, xs, ys, **rest):
     return curve(name, HZ, STIFF, xs, ys, kind="sweep", **rest)
 
 
-def test_what_did_not_pass_stands_together_below_the_verdict(failed_run: Path) -> None:
+def test_failed_checks_follow_the_verdict(failed_run: Path) -> None:
     page = write_report(failed_run).read_text(encoding="utf-8")
     head, _, rest = page.partition("<h2>What was tested</h2>")
     assert "<h2>Not passed</h2>" in head
@@ -57,7 +57,7 @@ def test_where_all_conform_the_least_sure_is_named() -> None:
 
 
 @given(st.lists(st.floats(0.05, 60.0).map(lambda f: round(f, 2)), min_size=2, max_size=40, unique=True))
-def test_every_frequency_has_its_number_unless_two_would_touch(frequencies: list[float]) -> None:
+def test_all_frequencies_without_overlap_are_labelled(frequencies: list[float]) -> None:
     places = sorted(frequencies)
     told = labelled_frequencies([sweep("K", places, places)])
     assert set(told) <= set(places) and (told[0], told[-1]) == (places[0], places[-1])

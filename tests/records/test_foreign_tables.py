@@ -225,7 +225,7 @@ def test_a_clock_of_its_own_and_a_unit_of_the_file_are_heeded(tmp_path) -> None:
         (["time=t"], 'time "t" time_s'),
     ],
 )
-def test_keys_that_cannot_be_are_refused(keys: list[str], told: str, tmp_path) -> None:
+def test_invalid_keys_are_refused(keys: list[str], told: str, tmp_path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("time_s,left.height [mm]\n0,1\n1,2\n")
     with refuses(RecordError, told):

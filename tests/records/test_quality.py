@@ -106,7 +106,7 @@ def test_a_sound_column_is_not_doubted(kind: str) -> None:
         assert np.array_equal(clean["x"].values, SOUND[kind])
 
 
-def test_a_motion_that_holds_is_no_rail() -> None:
+def test_a_motion_with_holds_is_not_clipped() -> None:
     way = np.clip(WAY, 5.0, 15.0)
     _, checks = found({"force": 150.0 + way + 0.1 * NOISE, "way": way, "pressure": 3.0 + 0.1 * way})
     assert not checks

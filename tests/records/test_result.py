@@ -55,7 +55,7 @@ def test_a_wider_margin_never_makes_a_check_better(
 
 
 @given(low=numbers, width=st.floats(1e-3, 1e6), place=st.floats(0, 1), margin=st.floats(0.01, 0.49))
-def test_marginal_is_what_lies_near_a_limit(low: float, width: float, place: float, margin: float) -> None:
+def test_values_near_a_limit_are_marginal(low: float, width: float, place: float, margin: float) -> None:
     high = low + width
     value = low + place * width
     assume(low < value < high and width > 1e-6 * abs(low))

@@ -89,7 +89,7 @@ def test_both_ways_lead_through_the_stages_in_the_order_of_their_rank() -> None:
     assert ids(received.bus.carry(frame(2, b""), "a")) == [2, 5, 6, 9]
 
 
-def test_what_is_kept_goes_on_when_it_is_due_through_the_stages_behind() -> None:
+def test_kept_frames_pass_the_later_stages_when_due() -> None:
     received = Hearers()
     before, keeping, behind = Marking(5), Keeping(), Marking(9, Stage.RECORD)
     for stage in (before, keeping, behind):

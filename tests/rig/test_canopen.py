@@ -256,7 +256,7 @@ def test_a_stopped_node_can_still_be_asked_for_the_bench_on_can(commander) -> No
 
 
 @pytest.mark.parametrize(("behaviour", "state"), [(0, 127), (1, 5), (2, 4)])
-def test_what_becomes_of_the_node_is_its_error_behaviour(master: Master, behaviour: int, state: int) -> None:
+def test_the_node_applies_its_error_behaviour(master: Master, behaviour: int, state: int) -> None:
     """Without a commander no fault of the bench: an emergency message, and its end with the next heartbeat."""
     master.wait(500)
     assert master.download(0x1029, 1, behaviour, 1) == 0

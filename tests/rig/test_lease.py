@@ -357,7 +357,7 @@ def test_a_commander_who_is_silent_on_both_wires_loses_the_bench_once_it_is_safe
     )
 
 
-def test_who_returns_learns_on_either_wire_that_he_has_lost_it(armed) -> None:
+def test_a_returning_holder_is_refused_on_both_buses(armed) -> None:
     old = armed.token
     armed.wait(2100)
     assert armed.stage(air_left_target=1e5) == [b"\x90\x06"], (

@@ -42,6 +42,6 @@ def test_the_chain_gives_every_sensor_a_value() -> None:
         (LAST, Sensor.LEFT_HEIGHT, "0 MEASUREMENTS PLATFORM_ROLL LEFT_HEIGHT"),
     ],
 )
-def test_what_is_missing_is_named(measurement: object, sensor: object, message: str) -> None:
+def test_missing_sensors_and_signals_are_named(measurement: object, sensor: object, message: str) -> None:
     with refuses(ImportError, message):
         wiring._check(measurement, sensor)

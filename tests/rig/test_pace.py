@@ -237,7 +237,7 @@ def test_a_full_queue_loses_what_comes_then_and_counts_it() -> None:
     ({"bit_rate": 5e5, "error_rate": 1.0}, "fraction"),
     ({"bit_rate": 5e5, "restart": -1.0}, "negative"),
 ])  # fmt: skip
-def test_what_cannot_be_is_refused_in_words(wrong, why) -> None:
+def test_invalid_settings_are_refused_with_a_reason(wrong, why) -> None:
     with refuses(ValueError, why):
         Pace(**wrong)
 

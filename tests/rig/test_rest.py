@@ -182,7 +182,7 @@ def aside(commander: Commander, cycles: int) -> np.ndarray:
     return np.array(places)
 
 
-def test_what_could_not_follow_does_not_jump_when_it_is_held_and_goes_on(armed) -> None:
+def test_a_released_actuator_does_not_jump_after_a_hold(armed) -> None:
     """It moved to its old set-point as fast as its valve allows, also in HOLD."""
     here = seize_aside(armed, "seized_actuator", actuator="lateral")
     armed.cycle(5, control_active=0)

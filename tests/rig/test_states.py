@@ -32,7 +32,7 @@ def test_no_event_has_two_targets() -> None:
 
 
 @pytest.mark.parametrize(("state", "event"), list(itertools.product(BenchState, Event)))
-def test_only_the_rows_of_the_table_lead_anywhere(state: BenchState, event: Event) -> None:
+def test_only_transitions_of_the_table_change_the_state(state: BenchState, event: Event) -> None:
     row = ROWS.get((state, event))
     made = machine(state)
     assert made.handle(event) == (row is not None)

@@ -393,7 +393,7 @@ def test_an_ineffective_rest_step_is_found_without_a_sequence(monkeypatch) -> No
     assert story == []
 
 
-def test_what_pushes_a_bolster_that_sinks_is_found(monkeypatch) -> None:
+def test_a_force_on_a_sinking_bolster_is_detected(monkeypatch) -> None:
     cycle = WatchedCommander.cycle
 
     def pushing(commander: WatchedCommander, count: int = 1, **values: float) -> None:

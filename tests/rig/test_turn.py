@@ -68,7 +68,7 @@ def test_whatever_begins_neither_air_nor_heat_nor_motion_comes_from_nowhere(name
         ("displacement_latency", Sensor.LEFT_HEIGHT, 0.4 * mm),
     ],
 )
-def test_what_begins_to_come_late_stays_as_it_is_until_then(name, sensor, step):
+def test_a_reading_with_a_new_delay_stays_constant_first(name, sensor, step):
     """``step`` is what the reading changes by in a step at most: so near is when it is as old as it should be."""
     effect = CATALOGUE[name]
     plant, on_time = moved(700), moved(700)
@@ -83,7 +83,7 @@ def test_what_begins_to_come_late_stays_as_it_is_until_then(name, sensor, step):
     assert np.abs(np.array(prompt[late:]) - prompt[:-late]).max() > 2 * step, "and it moves meanwhile"
 
 
-def test_what_is_broken_stays_so_on_top_of_what_changes_and_is_mended_to_it():
+def test_a_fault_persists_during_a_change_of_parameters():
     plant = Plant.at_rest(SOUND.record)
     par, faults = plant.parameters, ParameterFaults(plant.parameters)
     sound = par.leak_conductance.tolist()
@@ -141,6 +141,6 @@ def test_another_volume_keeps_the_gas_and_changes_its_pressure(share, chamber):
         ("sensor_accuracy", "when the rig is built"),
     ],
 )
-def test_what_a_running_bench_cannot_change_is_refused_with_what_would_be_right(name, why):
+def test_fixed_parameters_of_a_running_bench_are_refused_with_the_remedy(name, why):
     with pytest.raises(ParameterError, match=rf"{name} cannot .*{why}.*\[simulation.change\]"):
         differing(SOUND.record, SOUND.with_values(**{name: 1.01 * SOUND.record[name] + 1e-3}).record)

@@ -265,7 +265,7 @@ def leaking(tmp_path_factory):
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-def test_what_the_model_has_already_is_not_found_again(astb_here, leaking):
+def test_effects_in_the_base_model_are_not_found_again(astb_here, leaking):
     def diagnose(out, *options):
         code, said, err = astb_here(leaking, "diagnose", "record", "--out", out, *options)
         assert code == PASS, err
@@ -380,7 +380,7 @@ def test_a_screening_is_fitted_under_every_load_and_keeps_two_runs_back(loads):
     assert sorted(kept) == ["report", "select"][: min(spare, 2)]
 
 
-def test_what_is_kept_back_is_another_stretch_under_another_load():
+def test_validation_runs_are_chosen_under_other_loads():
     names = screening(*["AW0"] * 3, *["AW3"] * 3)
     roles = {run.experiment.name: run.role for run in with_roles(dataset(*names)).runs}
     kept = {role: name for name, role in roles.items() if role != "fit"}

@@ -130,7 +130,7 @@ def test_the_command_breaks_mends_and_says_what_is_on(fault, shared_rig):
         ("leak", "side=left for=0s", "for = 0 s is outside 0.001 to 86400 s"),
     ],
 )
-def test_what_cannot_be_is_refused_in_words(sound_rig, name, given, said):
+def test_invalid_faults_are_refused_with_a_reason(sound_rig, name, given, said):
     values = dict(word.split("=") for word in given.split())
     lasting = {"for": values.pop("for")} if "for" in values else {}
     before = sound_rig.plant.parameter_array.tobytes()

@@ -110,7 +110,7 @@ def test_a_package_of_a_wrong_version_breaks_the_bench(monkeypatch, rig) -> None
     assert "no-such-package is missing" in said
 
 
-def test_what_is_broken_ends_with_blocked_and_what_lacks_with_how_to_mend_it(cli, rig) -> None:
+def test_doctor_reports_faults_and_remedies(cli, rig) -> None:
     status, text, _ = cli("doctor", "--rig", str(rig[0]), "--json")
     assert status == PASS
     assert all(row["mend"] for row in json.loads(text) if row["state"] != "fine")

@@ -78,7 +78,7 @@ def test_a_summary_has_four_parts_and_each_time_once(causes):
     assert all(name in parts["sure" if k else "wrong"] for k, name in enumerate(causes))
 
 
-def test_later_stretches_narrow_what_it_can_be():
+def test_later_sections_reduce_the_possible_causes():
     first = begun(cause("leak.left"), cause("leak_laminar.left"))
     later = deviation(cause("leak.left", 0.45, 0.55), cause("compliance"))
     assert course.is_the_same(first, later)

@@ -24,7 +24,7 @@ def adding_up(begin: int) -> np.ndarray:
 
 @settings(max_examples=30, deadline=None)
 @given(begin=st.integers(20, 150), lasts=st.integers(40, 200), gap=st.integers(5, 30))
-def test_what_grows_is_met_exactly_by_what_acts_at_once_and_nearly_by_what_adds_up(begin, lasts, gap):
+def test_a_ramp_is_composed_of_steps(begin, lasts, gap):
     places = range(10, N - 20, gap)
     t = np.arange(N) + 0.5
     share = np.clip((t - begin) / lasts, 0.0, 1.0)

@@ -24,7 +24,7 @@ def columns(
 
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_of_one_channel_they_have_the_likelihood_of_the_whole_stretch(seed):
+def test_innovations_of_one_channel_give_the_joint_likelihood(seed):
     # A product of what each block adds to those before it is the density of all together (the chain rule).
     rng = np.random.default_rng(seed)
     of, _ = columns(rng, 3, 1, 2)
@@ -68,7 +68,7 @@ def test_they_are_standard_normal_while_the_model_holds():
     assert abs(mean - 1.0) < 4.0 * np.sqrt(2.0 / np.size(squares))
 
 
-def test_what_was_not_read_has_none():
+def test_unread_channels_have_no_innovations():
     of, _ = columns(np.random.default_rng(1), 2, 2, 3)
     of.samples[:, 1] = 0
     told = judge(of, Belief(np.zeros(3), np.eye(3)), np.zeros((2 * BINS, 2)))

@@ -77,7 +77,7 @@ def test_a_long_motion_is_judged_in_stretches_that_go_on_from_one_another(tmp_pa
         assert np.all(np.abs(errors.mean(axis=0)) < 2.5e3)
 
 
-def test_what_begins_in_a_stretch_that_began_in_a_motion_is_named(tmp_path):
+def test_a_cause_that_starts_during_a_long_motion_is_named(tmp_path):
     leak = PlannedFault("leak", {"side": "right", "area": "0.3mm2"}, 165.0, None)
     record = Growing(cycled(tmp_path / "run", 32, 200, leak))
     twin = Twin(record, load("astb"), "astb")

@@ -33,7 +33,7 @@ def paced(looks):
 
 
 @given(LOOKS)
-def test_over_any_number_of_looks_half_of_a_processor_is_used_at_most(looks):
+def test_the_twin_uses_at_most_half_a_processor(looks):
     made = list(paced(looks))
     for k, (began, used, _ended, _searched) in enumerate(made):
         for later, by_then, *_rest in made[k + 1 :]:
@@ -64,9 +64,7 @@ def counting(used, cost, steps):
 
 
 @given(st.floats(0.01, 0.5), st.integers(1, 50), st.floats(0.0, 2.0))
-def test_work_in_slices_finds_the_same_and_none_is_longer_than_asked_by_more_than_a_step(
-    cost, steps, seconds
-):
+def test_sliced_work_gives_the_same_result_within_its_time(cost, steps, seconds):
     used = [0.0]
     work, found = Sliced(counting(used, cost, steps), lambda: used[0]), None
     while found is None:

@@ -26,7 +26,7 @@ def moved(shear, first=0):
     )
 
 
-def test_what_is_remembered_aside_goes_with_the_pressure():
+def test_remembered_lateral_force_is_proportional_to_pressure():
     simulator = AirSpring(load("astb"), effects=CATALOGUE)
     had, had_not = simulator.run_many([Job(moved(ASIDE), {}, {}), Job(moved(0.0 * ASIDE), {}, {})])
     first = round(FROM / STEP)

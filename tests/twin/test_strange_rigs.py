@@ -27,7 +27,7 @@ def live_and_replayed(made, folder: Path) -> TwinStory:
 
 
 @pytest.mark.parametrize("made", [VirtualHall, VirtualYard])
-def test_a_sound_rig_goes_along(made, tmp_path):
+def test_a_fault_free_rig_has_no_deviation(made, tmp_path):
     story = live_and_replayed(made(seed=3), tmp_path / "run")
     assert not story.all_deviations
     assert story.judged_for > 30.0

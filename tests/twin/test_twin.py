@@ -71,7 +71,7 @@ class Growing(Record):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("plan", ["aw0", "aw3", "leak_down", "tightness"])
-def test_a_sound_rig_goes_along(plan, tmp_path):
+def test_a_fault_free_rig_has_no_deviation(plan, tmp_path):
     story = watched(run(plan, tmp_path, 4711))
     assert not story.all_deviations
     assert story.judged_for > 25.0

@@ -83,7 +83,7 @@ def test_an_sdist_gives_the_same_wheel(built: Built) -> None:
     assert {"pyproject.toml", "setup.py", "README.md", "LICENSE", "CHANGELOG.md", TOLD} <= names
 
 
-def test_it_knows_its_commit(built: Built, clean_machine: CleanMachine) -> None:
+def test_the_version_states_the_commit(built: Built, clean_machine: CleanMachine) -> None:
     head = subprocess.run(
         ["git", "rev-parse", "HEAD"], cwd=built.source, capture_output=True, text=True, timeout=60, check=True
     ).stdout[:12]

@@ -110,6 +110,6 @@ def test_a_line_that_is_not_there() -> None:
         ({"line": "/dev/x", "parity": "evn"}, "parity 'evn' 'even'"),
     ],
 )
-def test_a_line_that_cannot_be(changes: dict, words: str) -> None:
+def test_invalid_serial_lines_are_refused(changes: dict, words: str) -> None:
     with refuses(WiringError, words):
         rtu(**changes)

@@ -267,7 +267,7 @@ def connected() -> Iterator[Callable]:
 
 
 @pytest.mark.parametrize("connection", ["kept", "each"])
-def test_it_closes_the_connection_after_each_answer(connected: Callable, connection: str) -> None:
+def test_a_device_that_closes_after_each_answer_is_supported(connected: Callable, connection: str) -> None:
     far = device()
     with served(far, hangs_up=True) as server:
         transport, received, lost = connected(port=server.port, connection=connection)

@@ -283,7 +283,7 @@ def test_only_an_interface_name_can_be_opened(bus: str) -> None:
         open_bytes(bus)
 
 
-def test_what_is_no_block_of_frames_is_refused() -> None:
+def test_other_arrays_are_refused() -> None:
     with refuses(TypeError, "frame"):
         frame_bytes(np.zeros(3, np.int64))
 

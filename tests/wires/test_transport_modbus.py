@@ -250,7 +250,7 @@ def test_a_sign_of_life_may_be_a_bit(plc: ForeignPlc, connected: Callable) -> No
     assert 4 <= sum(a != b for a, b in itertools.pairwise(seen)) <= 12
 
 
-def test_its_sign_of_life_counts_while_somebody_streams(plc: ForeignPlc, connected: Callable) -> None:
+def test_the_heartbeat_counts_while_set_points_are_streamed(plc: ForeignPlc, connected: Callable) -> None:
     transport, _, _ = connected(plc, alive={"point": "beat", "every": "20 ms"})
     time.sleep(0.1)
     assert plc.tables[HOLDING][50] == 0, "no output before the first command"

@@ -323,7 +323,7 @@ def test_an_answer_may_take_its_time_though_the_connection_had_little(cell: Cell
     transport.close()
 
 
-def test_its_sign_of_life_counts_while_somebody_streams(cell: Cell, connected: Callable) -> None:
+def test_the_heartbeat_counts_while_set_points_are_streamed(cell: Cell, connected: Callable) -> None:
     transport = connected(cell, alive={"point": "beat", "every": "20 ms"})
     clock = transport._clock
     for _ in range(10):

@@ -74,7 +74,7 @@ def test_every_file_of_checks_is_in_the_catalogue():
 
 
 @quick
-def test_what_holds_and_what_does_not(entries):
+def test_the_expected_claims_do_not_hold(entries):
     assert failing(entries) == DOES_NOT_HOLD
 
 

@@ -178,7 +178,7 @@ def test_forces_come_from_the_cells():
     assert found == pytest.approx((F_y, F_left + F_right, F_left - F_right + M))
 
 
-def test_what_comes_later_and_falls_short_is_seen_to():
+def test_delay_and_gain_of_the_springs_are_measured():
     t = HOST_STEP * np.arange(4000)
     late = 3 * ms + lag_of(OURS, "left.height", "right.height") - lag_of(OURS, *FORCES) - 0.5 * HOST_STEP
     asked = np.column_stack([np.sin(7 * t), np.sin(7 * t), np.cos(5 * t)])

@@ -56,7 +56,7 @@ def identification(per_side, shared):
     return SimpleNamespace(parameters=parameters, joint=joint)
 
 
-def test_what_each_side_has_of_its_own_is_their_mean():
+def test_parameters_of_both_sides_are_averaged():
     found = mean_of_sides(identification((1.0, 3.0), 5.0))
     area, shell = found.parameters["effective_area"], found.parameters["shell_stiffness_lateral"]
     assert area.value == 2.0

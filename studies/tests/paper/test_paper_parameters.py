@@ -39,7 +39,7 @@ def test_units_are_converted_once():
     )
 
 
-def test_what_both_layers_have_is_equal():
+def test_common_parameters_of_both_layers_are_equal():
     """The same spring described twice."""
     plant, paper = load("astb").record, load_paper()
     for name in (

@@ -85,7 +85,7 @@ def test_names_with_their_number(tmp_path) -> None:
 
 @form("asc names only")
 @form("asc names or numbers")
-def test_names_without_it(tmp_path) -> None:
+def test_ambiguous_names_are_refused(tmp_path) -> None:
     refused(
         tmp_path,
         "a.asc",

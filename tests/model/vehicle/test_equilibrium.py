@@ -95,7 +95,7 @@ def test_time_finds_the_same_equilibrium(vehicle):
     assert v.state[BODY] == pytest.approx(solved.state[BODY], rel=1e-6, abs=1e-9)
 
 
-def test_friction_holds_the_car_somewhere_near(vehicle):
+def test_friction_stops_the_car_near_its_equilibrium(vehicle):
     wind = 8 * kN
     v = vehicle("AW0", ("track",))
     v.ride(wind, 240.0, every=1000)

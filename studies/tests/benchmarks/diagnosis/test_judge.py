@@ -84,7 +84,7 @@ def judged_case(hidden, causes, *, rivals=(), verdict=NAMED, kind="single", near
         (judged_case(["leak.left"], ["leak.left"], deviations=[5.0]), True, True, [], "off by 5"),
     ],
 )
-def test_what_counts_as_what(case, exact, reported, wrong, amiss):
+def test_findings_are_judged_exact_reported_or_wrong(case, exact, reported, wrong, amiss):
     assert (case.exact, case.reported, case.wrong) == (exact, reported, wrong)
     assert case.amiss.startswith(amiss) if amiss != "off by 5" else "off by 5" in case.amiss
     assert bool(case.amiss) == bool(amiss)
