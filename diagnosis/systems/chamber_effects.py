@@ -44,8 +44,8 @@ def _leaks(volume: float) -> tuple[Hypothesis, ...]:
         _leak(
             "leak_orifice", "leak through an orifice", "through an orifice", sonic,
             "G = C·ρ_0·p·√(T_0/T)·q(p_a/p), q = 1 up to the critical ratio b, then an ellipse",
-            "C: conductance (m³/(s·Pa)); ρ_0: reference density, 1.185 kg/m³; T_0: reference temperature, 293.15 K; "
-            "T: gas temperature (K)", "ISO 6358-1",
+            "C: conductance (m³/(s·Pa)); q: flow function; b: critical ratio; ρ_0 = 1.185 kg/m³, T_0 = "
+            "293.15 K: reference state; T: gas temperature (K)", "ISO 6358-1",
             shapes=(Parameter("critical_ratio", "1", 0.4, 0.15, 0.05, 0.6, step=0.02, display="1"),),
             grid=((0.2,), (0.5,)),
         ),

@@ -1,5 +1,7 @@
 """The sentence of a finding and of a check is put together from parts that fit: effects, sizes, rivals, causes."""
 
+import re
+
 import msgspec
 import pytest
 
@@ -7,10 +9,13 @@ from astb.diagnose import _estimate
 from bench_records.check_table import certainty
 from bench_records.result import check
 from bench_sim.model.effects import CATALOGUE
+from bench_sim.model.effects.effect import Effect
+from diagnosis.contracts import Hypothesis
 from diagnosis.engine.remainder import Remainder
 from diagnosis.engine.summary import Conclusions, summarised
 from diagnosis.finding import Cause, Estimate, Finding, Models, Provenance, Rival, Verdict
-from diagnosis.systems import piston_effects
+from diagnosis.systems.chamber_effects import chamber_effects
+from diagnosis.systems.piston_effects import PISTON_EFFECTS
 
 
 def test_every_effect_says_what_is_so() -> None:
@@ -18,7 +23,18 @@ def test_every_effect_says_what_is_so() -> None:
         assert effect.plain and ("{side}" in effect.plain) == bool(effect.places), effect.name
         assert not effect.plain.endswith(")"), f"{effect.name}: its amount follows in parentheses"
         assert effect.plain[0].islower() and not effect.plain.endswith("."), effect.name
-    assert all(one.plain and not one.plain.endswith(")") for one in piston_effects._EFFECTS)
+    assert all(one.plain and not one.plain.endswith(")") for one in PISTON_EFFECTS.values())
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [*CATALOGUE.values(), *PISTON_EFFECTS.values(), *chamber_effects(1e-3).values()],
+    ids=lambda one: one.name,
+)
+def test_the_symbols_of_every_equation_are_explained(effect: Effect | Hypothesis) -> None:
+    equation, _, symbols = effect.equation.partition("\n")
+    used, explained = (set(re.findall(r"[^\W\d_]+", text)) for text in (equation, symbols))
+    assert {one for one in used if len(one) == 1} - set("dΣπ½²") <= explained
 
 
 @pytest.mark.parametrize(

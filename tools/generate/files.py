@@ -371,7 +371,8 @@ def effects_page() -> str:
             print(f"### `{effect.name}`\n", file=out)
             places = f" At {' or '.join(f'`{effect.name}.{place}`' for place in effect.places)}."
             print(f"{_sentence(effect.title)}{places if effect.places else ''}\n", file=out)
-            print(f"```\n{effect.equation}\n```\n", file=out)
+            equation, _, symbols = effect.equation.partition("\n")
+            print(f"```\n{equation}\n```\n\n{symbols}.\n", file=out)
             print(f"{'; '.join(_span_of(one) for one in effect.parameters)}.\n", file=out)
             if effect.confusers:
                 print(f"Similar: {_listed(effect.confusers)}.", end=" ", file=out)

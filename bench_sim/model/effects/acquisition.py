@@ -42,7 +42,7 @@ EFFECTS: Final = (
         touches=frozenset({"sensor", "timing"}),
         confusers=("force_lag", "maxwell"),
         phenomenon="a delay of the force readings",
-        equation="F_m(t) = F(t − τ)",
+        equation=("F_m(t) = F(t − τ)\nF_m: measured force, F: true force (N); t: time, τ: delay (s)"),
         source="queueing in a gateway or on a busy bus",
         separated_by="large sines up to 12.5 Hz: a delay turns the phase and leaves the amplitude, a lag does both",
     ),
@@ -56,7 +56,7 @@ EFFECTS: Final = (
         touches=frozenset({"sensor", "timing"}),
         confusers=("pressure_lag", "sample_and_hold", "clock_skew"),
         phenomenon="a delay of the pressure readings",
-        equation="p_m(t) = p(t − τ)",
+        equation=("p_m(t) = p(t − τ)\np_m: measured pressure, p: true pressure (Pa); t: time, τ: delay (s)"),
         source="polling period of a fieldbus gateway",
         separated_by="large sines up to 12.5 Hz: a delay turns the phase and leaves the amplitude, a lag does both",
     ),
@@ -69,7 +69,9 @@ EFFECTS: Final = (
         change=adds("displacement_latency", "delay"),
         touches=frozenset({"sensor", "timing"}),
         confusers=("maxwell", "platen_inertia"),
-        equation="z_m(t) = z(t − τ)",
+        equation=(
+            "z_m(t) = z(t − τ)\nz_m: measured displacement, z: true displacement (m); t: time, τ: delay (s)"
+        ),
         source="averaging in the controller of a laser; a slower bus for the actuators' transducers",
         separated_by="a sudden stop of the motion: forces and pressures end before the displacement does",
     ),
@@ -87,7 +89,10 @@ EFFECTS: Final = (
         change=adds("pressure_clock_skew", "skew"),
         touches=frozenset({"sensor", "timing"}),
         confusers=("pressure_latency", "pressure_lag"),
-        equation="p_m(t) = p(t − εt)",
+        equation=(
+            "p_m(t) = p(t − εt)\n"
+            "p_m: measured pressure, p: true pressure (Pa); t: time since the start of the rig (s); ε: skew"
+        ),
         source="crystals differ by 20 to 100 ppm",
         separated_by="the same motion at the start and at the end of a long recording",
     ),
@@ -111,7 +116,11 @@ EFFECTS: Final = (
         touches=frozenset({"sensor", "timing"}),
         confusers=("pressure_latency", "pressure_lag"),
         phenomenon="a delay of the pressure readings",
-        equation="p_m(t) = p(t − a (t mod T))",
+        equation=(
+            "p_m(t) = p(t − a (t mod T))\n"
+            "p_m: measured pressure, p: true pressure (Pa); t: time, T: period (s), t mod T: time since the last "
+            "sample (s); a: hold"
+        ),
         source="a module that converts or polls more rarely than it sends",
         separated_by="a fast motion sampled at 200 Hz: stairs",
     ),
@@ -127,7 +136,11 @@ EFFECTS: Final = (
         amplitude=EffectParameter("step", "1", "%", 0.01, nominal=0.0, typical=2.0**-12, low=0.0, high=0.01),
         change=_quantisation,
         touches=frozenset({"sensor"}),
-        equation="s_m = q ⌊s/q + ½⌋,  q = step · range",
+        equation=(
+            "s_m = q ⌊s/q + ½⌋,  q = step · range\n"
+            "s_m: reading, s: true value, q: size of a step, range: range of the channel (in the unit of the "
+            "channel); step: relative step; ⌊ ⌋: rounded down"
+        ),
         source="12 bits are a step of 0.024 % of the range",
         separated_by="a histogram of the readings at rest",
         smooth=False,

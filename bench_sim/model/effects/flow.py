@@ -41,7 +41,7 @@ EFFECTS: Final = (
         confusers=("discharge_reynolds", "auxiliary_volume", "bellows_volume"),
         richer=("discharge_reynolds", "asymmetric_orifice"),
         phenomenon="another discharge of the orifice",
-        equation="C_d ← (1+e) C_d",
+        equation=("C_d ← (1+e) C_d\nC_d: discharge coefficient; e: change"),
         source="size assumed",
         separated_by="sine around 1 Hz: frequency of the damping maximum, at two amplitudes",
     ),
@@ -63,7 +63,11 @@ EFFECTS: Final = (
         touches=frozenset({"flow"}),
         confusers=("discharge", "pipe_inertia"),
         phenomenon="another discharge of the orifice",
-        equation="C_d = C_d∞/(1 + k/√Re)",
+        equation=(
+            "C_d = C_d∞/(1 + k/√Re)\n"
+            "C_d: discharge coefficient, C_d∞: its value at high Reynolds numbers; Re: Reynolds number of the "
+            "orifice; k: parameter of the table"
+        ),
         source="boundary layer of nozzles and short holes (ISO 5167); sizes assumed",
         separated_by="sine at 1 Hz with amplitudes from 0.5 to 15 mm: f_peak √a",
     ),
@@ -83,7 +87,7 @@ EFFECTS: Final = (
         places=PLACES,
         touches=frozenset({"flow"}),
         confusers=("discharge", "asymmetric_orifice"),
-        equation="C_d ← (1 − e) C_d on one side",
+        equation=("C_d ← (1 − e) C_d on one side\nC_d: discharge coefficient; e: blocked share"),
         source="swarf in the pipe; sizes assumed",
         separated_by="sine around 1 Hz: the damping of the two springs parts",
     ),
@@ -103,7 +107,10 @@ EFFECTS: Final = (
         change=adds("orifice_asymmetry", "asymmetry"),
         touches=frozenset({"flow"}),
         confusers=("pressure_offset", "discharge"),
-        equation="C_d ← (1 ± e) C_d",
+        equation=(
+            "C_d ← (1 ± e) C_d\n"
+            "C_d: discharge coefficient, with + out of the bellows and − into it; e: asymmetry"
+        ),
         source="one edge sharp, one rounded; sizes assumed",
         separated_by="sine of 10 to 15 mm at 1 to 2 Hz: mean of p_b − p_a, even harmonics",
     ),
@@ -124,7 +131,11 @@ EFFECTS: Final = (
         change=_pipe_inertia,
         touches=frozenset({"flow"}),
         confusers=("pressure_lag", "discharge_reynolds"),
-        equation="(L/A_p) dG/dt = p_b − p_a − Δp_orifice(G)",
+        equation=(
+            "(L/A_p) dG/dt = p_b − p_a − Δp_orifice(G)\n"
+            "L: length of the connection (m); A_p: area of its bore (m²); G: mass flow (kg/s); t: time (s); p_b, "
+            "p_a: pressure in bellows and auxiliary chamber, Δp_orifice: pressure loss of the orifice (Pa)"
+        ),
         source="Berg 1999, Docquier et al. 2007; size assumed",
         separated_by="small sine from 5 to 12 Hz: p_a swings more than p_b only with inertia",
     ),
@@ -145,7 +156,7 @@ EFFECTS: Final = (
         change=adds("leveling_deadband", "change"),
         touches=frozenset({"flow"}),
         confusers=("leveling_delay", "leak"),
-        equation="δ ← δ + e",
+        equation=("δ ← δ + e\nδ: deadband of the leveling valve (m); e: change (m)"),
         source="adjustment and wear; size assumed",
         separated_by="slow height ramp through both ends of the dead zone, valves connected",
         shown_by=ShownBy.CONNECTED_VALVES,
@@ -165,7 +176,11 @@ EFFECTS: Final = (
         change=adds("leveling_lag", "time"),
         touches=frozenset({"flow", "timing"}),
         confusers=("leveling_deadband",),
-        equation="dx_l/dt = (ζ − x_l)/(τ_LV + e)",
+        equation=(
+            "dx_l/dt = (ζ − x_l)/(τ_LV + e)\n"
+            "x_l: position of the lever, ζ: height of the spring (m); t: time, τ_LV: time constant of the lever, "
+            "e: additional time constant (s)"
+        ),
         source="makers state 3 ± 1 s; size assumed",
         separated_by="height step beyond the dead zone, valves connected: when the flow begins and how it grows",
         shown_by=ShownBy.CONNECTED_VALVES,
@@ -185,7 +200,12 @@ EFFECTS: Final = (
         change=_dpv_leak,
         touches=frozenset({"gas", "flow"}),
         confusers=("leak", "leak_laminar"),
-        equation="G = C ρ₀ p₁ √(T₀/T₁) iso(p₂/p₁) between the auxiliary chambers",
+        equation=(
+            "G = C ρ₀ p₁ √(T₀/T₁) iso(p₂/p₁) between the auxiliary chambers\n"
+            "G: mass flow (kg/s); C: sonic conductance (m³/(s·Pa)); ρ₀ = 1.185 kg/m³, T₀ = 293.15 K: reference "
+            "state; iso: flow function of ISO 6358; p₁, p₂: higher and lower absolute pressure (Pa); T₁: "
+            "temperature at p₁ (K)"
+        ),
         source="ISO 6358-1; sizes assumed",
         separated_by="hold with unequal pressures, valve connected and isolated: one side loses what the other gains",
         shown_by=ShownBy.CONNECTED_VALVES,

@@ -53,7 +53,12 @@ EFFECTS: Final = (
         touches=frozenset({"gas"}),
         confusers=("leak_laminar", "heat", "creep", "pressure_drift"),
         phenomenon="a leak of the {side} bellows",
-        equation="G = C ρ₀ p √(T₀/T) iso(p_atm/p), C = 0.6847 A/(ρ₀ √(R T₀))",
+        equation=(
+            "G = C ρ₀ p √(T₀/T) iso(p_atm/p), C = 0.6847 A/(ρ₀ √(R T₀))\n"
+            "G: mass flow out of the bellows (kg/s); p, p_atm: absolute pressure in the bellows and outside (Pa); "
+            "C: sonic conductance (m³/(s·Pa)); ρ₀ = 1.185 kg/m³, T₀ = 293.15 K: reference state; iso: flow "
+            "function of ISO 6358; T: gas temperature (K); A: area of the hole (m²); R: gas constant (J/(kg·K))"
+        ),
         source="ISO 6358-1; sizes assumed",
         separated_by="hold at two pressures, leveling valve isolated: the mass pV/(RT) goes on falling, ln p on a line",
         loses_air=True,
@@ -85,7 +90,11 @@ EFFECTS: Final = (
         touches=frozenset({"gas"}),
         confusers=("leak", "heat", "creep", "pressure_drift"),
         phenomenon="a leak of the {side} bellows",
-        equation="G = k (p² − p_atm²)",
+        equation=(
+            "G = k (p² − p_atm²)\n"
+            "G: mass flow out of the bellows (kg/s); p, p_atm: absolute pressure in the bellows and outside (Pa); "
+            "k: coefficient (kg/(s·Pa²))"
+        ),
         source="compressible Poiseuille flow; Zillen 2021 for a test chamber; sizes assumed",
         separated_by="holds at pressures a factor of five apart: G grows with p² instead of p",
         loses_air=True,
@@ -106,7 +115,9 @@ EFFECTS: Final = (
         change=_heat,
         touches=frozenset({"gas"}),
         confusers=("leak", "leak_laminar", "creep"),
-        equation="hS ← (1+e) hS",
+        equation=(
+            "hS ← (1+e) hS\nh: heat transfer coefficient (W/(m²·K)); S: area of the walls (m²); e: change"
+        ),
         source="published transitions 0.001 to 0.1 Hz (Pelz & Buttenbender 2004); size assumed",
         separated_by="hold after a step: an exponential of 10 to 20 s that ends; slow sine from 0.003 to 0.1 Hz",
     ),
@@ -124,7 +135,7 @@ EFFECTS: Final = (
         change=scales("bellows_volume", "change"),
         touches=frozenset({"gas"}),
         confusers=("auxiliary_volume", "compliance", "discharge"),
-        equation="V_b ← (1+e) V_b",
+        equation=("V_b ← (1+e) V_b\nV_b: volume of the bellows (m³); e: change"),
         source="size assumed",
         separated_by="fast sine, 10 to 20 Hz: K of the closed bellows gives V_b; same error at AW0 and AW3",
     ),
@@ -142,7 +153,7 @@ EFFECTS: Final = (
         change=scales("auxiliary_volume", "change"),
         touches=frozenset({"gas"}),
         confusers=("bellows_volume", "compliance", "discharge"),
-        equation="V_a ← (1+e) V_a",
+        equation=("V_a ← (1+e) V_a\nV_a: volume of the auxiliary chamber (m³); e: change"),
         source="size assumed",
         separated_by="slow sine, 0.1 Hz: K of both chambers together gives V_a + V_b",
     ),
@@ -167,7 +178,11 @@ EFFECTS: Final = (
         change=adds("bellows_compliance", "compliance"),
         touches=frozenset({"gas"}),
         confusers=("bellows_volume", "area_slope"),
-        equation="V = V_b(ζ,y) + C_V (p − p_ref)",
+        equation=(
+            "V = V_b(ζ,y) + C_V (p − p_ref)\n"
+            "V: volume of the bellows, V_b: its volume without stretch (m³); ζ: height, y: lateral displacement "
+            "(m); C_V: compliance (m³/Pa); p: pressure, p_ref: pressure of the load case (Pa)"
+        ),
         source="size assumed",
         separated_by="fast sine at AW0 and at AW3: the loss of stiffness grows with the load",
     ),
@@ -190,7 +205,12 @@ EFFECTS: Final = (
         change=adds("effective_area_growth", "growth"),
         touches=frozenset({"force", "gas"}),
         confusers=("force_gain", "compliance", "area_slope"),
-        equation="A_e = A_0 + A_1 ζ + A_p (p_g − p_A)",
+        equation=(
+            "A_e = A_0 + A_1 ζ + A_p (p_g − p_A)\n"
+            "A_e: effective area, A_0: its value at design height (m²); ζ: height above the design height (m); "
+            "A_1: slope of the area (m); A_p: growth (m²/Pa); p_g: gauge pressure, p_A: its value for which A_0 "
+            "is valid (Pa)"
+        ),
         source="Kuzyshyn et al. 2024: 296 cm²/bar measured",
         separated_by="heights held at constant pressure, at three pressures: F/p_g against p_g",
     ),
@@ -209,7 +229,11 @@ EFFECTS: Final = (
         change=adds("effective_area_slope", "slope"),
         touches=frozenset({"force", "gas"}),
         confusers=("compliance", "force_gain", "bellows_volume"),
-        equation="A_e = A_0 + (A_1 + e) ζ",
+        equation=(
+            "A_e = A_0 + (A_1 + e) ζ\n"
+            "A_e: effective area, A_0: its value at design height (m²); ζ: height above the design height (m); "
+            "A_1: slope of the area (m); e: change of the slope (m)"
+        ),
         source="EN 13597, isobaric test; size assumed",
         separated_by="heights held at constant pressure: F/p_g against ζ",
     ),

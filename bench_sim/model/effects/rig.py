@@ -35,7 +35,11 @@ EFFECTS: Final = (
         change=scales("actuator_frequency", "error"),
         touches=frozenset({"timing"}),
         confusers=("frame_compliance",),
-        equation="q̈ = ω² (q_set − q) − 2ζω q̇,  ω = (1+e) ω₀",
+        equation=(
+            "q̈ = ω² (q_set − q) − 2ζω q̇,  ω = (1+e) ω₀\n"
+            "q: displacement of the actuator, q_set: its set-point (m); ω₀, ω: assumed and actual natural "
+            "frequency (rad/s); ζ: damping ratio; e: error"
+        ),
         source="servo valve and supply pressure set the bandwidth",
         separated_by="command against displacement in a sweep",
         shown_by=ShownBy.COMMANDS,
@@ -52,7 +56,11 @@ EFFECTS: Final = (
         change=_frame_compliance,
         touches=frozenset({"sensor"}),
         confusers=("emergency_compliance",),
-        equation="d_piston − d_bolster = (1/k₀ + c) F",
+        equation=(
+            "d_piston − d_bolster = (1/k₀ + c) F\n"
+            "d_piston, d_bolster: displacement of piston and bolster (m); F: force (N); k₀: assumed stiffness of "
+            "the frame (N/m); c: compliance (m/N)"
+        ),
         source="bolted joints, oil column",
         separated_by="laser across the spring against the transducer in the actuator",
     ),
@@ -68,7 +76,11 @@ EFFECTS: Final = (
         change=adds("platen_mass", "mass"),
         touches=frozenset({"sensor"}),
         confusers=("force_lag", "force_latency"),
-        equation="F_z,m = F_z + m z̈_P,  F_y,m = F_y + m ÿ_P",
+        equation=(
+            "F_z,m = F_z + m z̈_P,  F_y,m = F_y + m ÿ_P\n"
+            "F_z,m, F_y,m: measured, F_z, F_y: true vertical and lateral force (N); m: mass (kg); z̈_P, ÿ_P: "
+            "acceleration of the platform (m/s²)"
+        ),
         source="Newton",
         separated_by="the platform shaken without spring: force grows with ω²",
     ),
@@ -89,7 +101,11 @@ EFFECTS: Final = (
         places=PLACES,
         touches=frozenset({"sensor"}),
         confusers=("load_offset",),
-        equation="Σ x_k F_k = x_s F_z,  l_x (F_5 − F_6) = x_s F_y",
+        equation=(
+            "Σ x_k F_k = x_s F_z,  l_x (F_5 − F_6) = x_s F_y\n"
+            "F_k: force of load cell k, F_z, F_y: vertical and lateral force of the spring (N); x_k: lengthwise "
+            "position of cell k, x_s: offset of the seat, l_x: lever arm of the lateral cells 5 and 6 (m)"
+        ),
         source=_STATICS,
         separated_by="roll, in which one spring carries more and the other less; shear, which only a seat turns",
     ),
@@ -104,7 +120,11 @@ EFFECTS: Final = (
         change=adds("load_ahead", "ahead"),
         touches=frozenset({"sensor"}),
         confusers=("seat_offset",),
-        equation="Σ x_k F_k = x_l (F_a,L + F_a,R)",
+        equation=(
+            "Σ x_k F_k = x_l (F_a,L + F_a,R)\n"
+            "F_k: force of load cell k, F_a,L, F_a,R: forces of the left and right actuator (N); x_k: lengthwise "
+            "position of cell k, x_l: offset of the actuators (m)"
+        ),
         source=f"{_STATICS}; a bolster that does not pitch",
         separated_by="shear: the lateral cells stay equal, as they do not with a seat off the middle",
     ),
@@ -118,7 +138,11 @@ EFFECTS: Final = (
         places=("1", "2", "3", "4"),
         touches=frozenset({"sensor"}),
         confusers=("twisted_seat",),
-        equation="a = −±_k δ F_k / (4 + δ) on cells 1 and 4, −a on 2 and 3",
+        equation=(
+            "a = −±_k δ F_k / (4 + δ) on cells 1 and 4, −a on 2 and 3\n"
+            "a: change of a cell's force, F_k: force of cell k without the error (N); ±_k: + for cells 1 and 4, − "
+            "for 2 and 3; δ: additional compliance, relative to the other supports"
+        ),
         source="least energy of a rigid platform on four elastic supports, of which one is 1 + δ times as compliant",
         separated_by="loads that differ from corner to corner, as in roll or shear; for the twist, two load cases",
     ),
@@ -131,7 +155,11 @@ EFFECTS: Final = (
         change=adds("platform_twist", "force"),
         touches=frozenset({"sensor"}),
         confusers=("soft_support", "force_offset"),
-        equation="a = +w on cells 1 and 4, −w on 2 and 3; supports of stiffness k out of plane by s: w = k s / 4",
+        equation=(
+            "a = +w on cells 1 and 4, −w on 2 and 3; supports of stiffness k out of plane by s: w = k s / 4\n"
+            "a: change of a cell's force, w: force (N); k: stiffness of a support (N/m); s: its distance from the "
+            "plane (m)"
+        ),
         source=f"{_STATICS}; a rigid platform that is bolted down",
         separated_by="two load cases: a twist does not grow with the load",
     ),
@@ -145,7 +173,12 @@ EFFECTS: Final = (
         change=scales("coupling_sign", "error"),
         touches=frozenset({"force"}),
         confusers=("crosstalk",),
-        equation="F_y −= σ K_yφ φ_s tanh(θ/φ_s),  M −= σ K_yφ y sech²(θ/φ_s)",
+        equation=(
+            "F_y −= σ K_yφ φ_s tanh(θ/φ_s),  M −= σ K_yφ y sech²(θ/φ_s)\n"
+            "F_y: lateral force (N); M: roll moment (N·m); σ: factor of the coupling, which the error changes; "
+            "K_yφ: coupling stiffness (N/rad); θ: roll angle, φ_s: its saturation (rad); y: lateral displacement "
+            "(m)"
+        ),
         source="Facchinetti, Mazzola, Alfi and Bruni 2010: shear and roll of an air spring act on each other",
         separated_by="lateral sweeps at fixed roll angles: odd in the angle, with a reciprocal moment",
     ),
@@ -159,7 +192,11 @@ EFFECTS: Final = (
         change=_emergency_compliance,
         touches=frozenset({"force"}),
         confusers=("frame_compliance", "bellows_volume"),
-        equation="ζ_b = ζ + (1+e) (F_z − P)/k₀,  y_b = y + (1+e) F_y/k₀",
+        equation=(
+            "ζ_b = ζ + (1+e) (F_z − P)/k₀,  y_b = y + (1+e) F_y/k₀\n"
+            "ζ_b, y_b: height and lateral displacement of the bellows, ζ, y: those of the complete spring (m); "
+            "F_z, F_y: vertical and lateral force, P: preload (N); k₀: assumed stiffness (N/m); e: error"
+        ),
         source="layered rubber; static and dynamic stiffness differ by up to a half",
         separated_by="laser across the spring: the frame's compliance is not seen there; both load cases",
     ),

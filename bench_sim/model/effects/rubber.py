@@ -109,7 +109,11 @@ EFFECTS: Final = (
         confusers=("friction", "fractional", "force_lag"),
         richer=("maxwell_two", "fractional"),
         phenomenon="relaxation of the rubber",
-        equation="F = r k_sh q, dq/dt = dx/dt − q/τ",
+        equation=(
+            "F = r k_sh q, dq/dt = dx/dt − q/τ\n"
+            "F: force of the branch (N); r: ratio; k_sh: stiffness of the shell (N/m); x: displacement of the "
+            "bellows, q: deflection of the branch (m); t: time, τ: time constant (s)"
+        ),
         source="generalised Maxwell model of filled rubber (Lion & Kardelky 2004); sizes assumed",
         separated_by="one amplitude at several frequencies, and hold after a step: the loss peaks at 1/(2πτ)",
     ),
@@ -138,7 +142,12 @@ EFFECTS: Final = (
         touches=frozenset({"force"}),
         confusers=("friction", "maxwell", "fractional"),
         phenomenon="relaxation of the rubber",
-        equation="F = r k_sh (s q₁ + (1−s) q₂), dq_j/dt = dx/dt − q_j/τ_j",
+        equation=(
+            "F = r k_sh (s q₁ + (1−s) q₂), dq_j/dt = dx/dt − q_j/τ_j\n"
+            "F: force of both branches (N); r: ratio; k_sh: stiffness of the shell (N/m); x: displacement of the "
+            "bellows, q_j: deflections q₁ and q₂ of the branches (m); s: share of the first branch; t: time, τ_j: time "
+            "constants (s)"
+        ),
         source="generalised Maxwell model of filled rubber (Lion & Kardelky 2004); sizes assumed",
         separated_by="one amplitude from 0.05 to 10 Hz: the loss has two peaks; hold after a step",
     ),
@@ -162,7 +171,11 @@ EFFECTS: Final = (
         touches=frozenset({"force"}),
         confusers=("maxwell", "maxwell_two", "friction"),
         phenomenon="relaxation of the rubber",
-        equation="K(iω) = r k_sh (iω/ω₀)^α",
+        equation=(
+            "K(iω) = r k_sh (iω/ω₀)^α\n"
+            "K: dynamic stiffness (N/m); r: ratio; k_sh: stiffness of the shell (N/m); ω: angular frequency, ω₀ = "
+            "2π·1 Hz (rad/s); α: order; i: imaginary unit"
+        ),
         source="Bagley & Torvik 1983; Sjöberg & Kari 2003; sizes assumed",
         separated_by="one amplitude from 0.05 to 10 Hz: stiffness and loss rise with the same power of the frequency",
     ),
@@ -190,7 +203,11 @@ EFFECTS: Final = (
         confusers=("maxwell", "fractional", "force_lag"),
         richer=("friction_distributed",),
         phenomenon="friction of the rubber",
-        equation="F = F_s + (x−x_s)/(x_2(1−α) + x−x_s) · (F_max−F_s)",
+        equation=(
+            "F = F_s + (x−x_s)/(x_2(1−α) + x−x_s) · (F_max−F_s)\n"
+            "F: friction force, F_s: its value at the last reversal, F_max: its limit (N); x: displacement, x_s: "
+            "its value at the last reversal, x_2: travel (m); α = F_s/F_max"
+        ),
         source="Berg 1998; sizes assumed",
         separated_by="quasi-static loop at two speeds (same width), and one frequency at several amplitudes",
     ),
@@ -237,7 +254,11 @@ EFFECTS: Final = (
         touches=frozenset({"force"}),
         confusers=("friction", "maxwell", "fractional"),
         phenomenon="friction of the rubber",
-        equation="F = F_max (s f(x; x_2,a) + (1−s) f(x; x_2,b))",
+        equation=(
+            "F = F_max (s f(x; x_2,a) + (1−s) f(x; x_2,b))\n"
+            "F: friction force, F_max: its limit (N); f: relative force of a Berg element; x: displacement, "
+            "x_2,a, x_2,b: short and long travel (m); s: share of the first element"
+        ),
         source="Iwan 1966, Berg 1998; sizes assumed",
         separated_by="one frequency at amplitudes from 0.2 to 20 mm",
     ),
@@ -265,7 +286,11 @@ EFFECTS: Final = (
         grid=((10.0,), (30.0,), (100.0,), (300.0,), (1000.0,)),
         touches=frozenset({"force", "gas"}),
         confusers=("leak", "leak_laminar", "heat", "pressure_drift"),
-        equation="ζ = ζ_b − (F_z−P)/k_z − q, dq/dt = (r F_z/k_z − q)/τ",
+        equation=(
+            "ζ = ζ_b − (F_z−P)/k_z − q, dq/dt = (r F_z/k_z − q)/τ\n"
+            "ζ, ζ_b: height of the complete spring and of its bellows, q: creep (m); F_z: vertical force, P: "
+            "preload (N); k_z: stiffness of the emergency spring (N/m); r: ratio; t: time, τ: time constant (s)"
+        ),
         source="creep of layered rubber (Freakley & Payne 1978); sizes assumed",
         separated_by="hold at AW3 for several minutes: the mass pV/(RT) stays while force and pressure drift together",
     ),
@@ -288,7 +313,10 @@ EFFECTS: Final = (
         grid=((4e-3,), (8e-3,), (12e-3,), (16e-3,), (22e-3,)),
         touches=frozenset({"force"}),
         confusers=("friction", "area_slope"),
-        equation="F_y = −k max(|y|−g, 0) sign y",
+        equation=(
+            "F_y = −k max(|y|−g, 0) sign y\n"
+            "F_y: lateral force (N); k: stiffness (N/m); y: lateral displacement, g: gap (m)"
+        ),
         source="geometry; sizes assumed",
         separated_by="slow lateral sine of growing amplitude: a knee in F_y(y), third harmonic, no loss",
     ),
