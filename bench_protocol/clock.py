@@ -115,8 +115,8 @@ class _VirtualTask:
 class VirtualClock:
     """Time that advances only while a thread sleeps; the simulation runs in between, as fast as possible.
 
-    ``attach`` connects the simulation: a function ``advance(until_ns)`` that advances it to that time, and optionally a
-    function ``rest(first_ns, last_ns)`` that advances it to ``first``, or up to ``last`` as long as nothing happens.
+    ``attach`` connects the simulation. The function ``advance(until_ns)`` advances it to that time. The optional
+    function ``rest(first_ns, last_ns)`` advances it to ``first``, and up to ``last`` as long as no event occurs.
     Callbacks due at the same instant run in the order in which they were registered.
     """
 

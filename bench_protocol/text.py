@@ -63,7 +63,7 @@ def _by_name(content: bytes, encoding: str) -> str:
 def _without_mark(content: bytes) -> str:
     """Return the UTF-16 encoding of content without a mark; "" for other content.
 
-    In UTF-16 every Latin character has a 0, always on one side.
+    In UTF-16 every Latin character has a byte 0, always the first or always the second one.
     """
     head = content[: _LOOKED_AT // 2 * 2]
     low, high = head[::2].count(0), head[1::2].count(0)

@@ -32,8 +32,8 @@ class _Rows(dict[str, int]):
 class Table:
     """All values on CAN and Modbus: the source of all codecs, maps and documents.
 
-    Raises ValueError for an invalid table: names, identifiers or addresses that clash, fields or registers of unknown
-    signals, ranges that do not fit in their bits, more than half of the bus load.
+    Raises ValueError for clashing names, identifiers or addresses, and for fields or registers of unknown signals. Also
+    for ranges that do not fit in their bits, and a bus load above one half.
     """
 
     signals: tuple[Signal, ...]
