@@ -18,12 +18,11 @@ _MET = {True: "met", False: "not met", None: "not judged"}
 
 
 def junit(result: Result) -> bytes:
-    """Return the XML. A value outside its limits is a failure; a check without a value is an error; a check that is not
-    available is skipped.
+    """Return the XML: values out of limits are failures, checks without a value errors, unavailable checks skipped.
 
-    The time of a check is the time since the previous check; the test case of the run has the time after the last one.
-    Only a run in real time has a time stamp. The names of suite and cases include the parameters and the serial number
-    of the specimen, so that several runs of a plan stay distinct.
+    The time of a check is the time since the previous check. The test case of the run has the time after the last
+    check. Only a run in real time has a time stamp. The names of suite and cases include the parameters and the serial
+    number of the specimen, so that several runs of a plan stay distinct.
     """
     given = _given(result)
     failures = result.count(CheckVerdict.FAIL)
