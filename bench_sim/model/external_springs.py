@@ -237,7 +237,7 @@ def write_feeds(
 def feed_inputs(e: Any, x: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
     """Write the inputs of the instances, from the slope ``dx`` at the beginning of the communication step.
 
-    Springs that extrapolate with a speed alone get the mean speed of the step.
+    Springs that extrapolate only with the speed receive the mean speed of the step.
     """
     T, n = e.clock[1], e.numbers
     hold = 0.5 * n[Slot.HOLD] * T

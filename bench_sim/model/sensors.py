@@ -1,10 +1,10 @@
 """The measuring chain: s_m = (1+g) D H s + b + d t + Σ c_jk D H s_k + noise, quantised and limited to its range.
 
 The lag H = 1/(1+τs) is discretised for an input that is a cubic through the last four samples. So a τ far below the
-step acts as a delay τ, linear in τ down to zero. The delay D of the readings of a group of sensors uses the same cubics
-through the outputs of the last `HISTORY` steps, and is limited to their span (0.25 s at 1 ms). Linear interpolation
-would damp an oscillation by ω²h²/12 and ω²h²/8 at a step h, and parabolas would shift its phase in proportion to (ωh)³.
-A lag and a delay of τ differ by ω²τ²/2, which is of the same size for τ of one millisecond.
+step acts as a delay τ, linear in τ down to zero. The delay D of a group of sensors uses the same cubics, through the
+outputs of the last `HISTORY` steps. It is limited to their span (0.25 s at 1 ms). Linear interpolation would damp an
+oscillation by ω²h²/12 and ω²h²/8 at a step h, and parabolas would shift its phase in proportion to (ωh)³. A lag and a
+delay of τ differ by ω²τ²/2, which is of the same size for τ of one millisecond.
 """
 
 from math import exp, floor

@@ -36,9 +36,9 @@ class Lease:
     * Granted on CAN: every Modbus connection reads its own key instead of the token. The CAN connection sends the key
       of the Modbus connection that may join.
 
-    A lease also ends when the commander has been silent on both buses for long enough that the bench is safe, because
-    open connections do not prove that a client still runs. A connection that has lost the lease in this way is refused
-    until it requests the lease again.
+    A lease also ends when the commander has been silent on both buses until the bench is safe. An open connection does
+    not prove that the client still runs. A connection that has lost the lease in this way is refused until it requests
+    the lease again.
 
     ``on_change`` is called when the bench has a new holder or none, ``on_end`` when the holder of the bench, or one of
     its two connections, is lost.

@@ -1,9 +1,8 @@
 """The safe position: shut-in actuators hold the bolster until its springs are empty, lower it, and are released.
 
 If the actuators were released under pressure, the springs would throw the bolster up: 172 mm at 1.56 bar. So engaged
-actuators stay engaged when commander, communication or power fail. The valves of the actuators are closed by return
-springs, the exhausts of the air springs are opened by return springs, and the orifice of a lowering valve limits the
-speed.
+actuators stay engaged when commander, communication or power fail. Return springs close the valves of the actuators and
+open the exhausts of the air springs. The orifice of a lowering valve limits the speed.
 """
 
 import math
