@@ -185,14 +185,13 @@ class Run:
         note: str = "",
         since: int | None = None,
     ) -> bool:
-        """Judge ``value`` against its limits, all three in SI; return whether it passed. The plan continues in both
-        cases.
+        """Judge ``value`` against its limits (SI); return whether it passed. The plan continues in both cases.
 
         A `CheckName` as ``name`` adds a sentence that explains the measured quantity. A value with an uncertainty U
         passes if its probability of conformity is high enough. It is *marginal* if it is within the limits with a lower
         probability (see `judged`). A value without U is *marginal* within ``margin`` (a fraction of the band) of a
-        limit, unless it is `Exact`. A check is *not available* if U is more than half the width of the limits and value
-        ± U reaches into them, or if a hold began after the time ``since`` (ns). ``unit`` is the display unit.
+        limit, unless it is `Exact`. A check is *not available* if U exceeds half the width of the limits and value ± U
+        reaches into them, or if a hold began after the time ``since`` (ns). ``unit`` is the display unit.
 
         Raises PlanError for an undeclared unit, and ValueError for limits that no value can break or meet.
         """

@@ -1,8 +1,8 @@
 """Measured tracks from tables: deviation of the rails from their nominal line, over distance or time.
 
-The table (CSV, Parquet, Arrow) has a column ``distance`` or ``time`` and some of ``vertical`` (up), ``lateral`` (to the
-left), ``cant`` (height of the left rail above the right) and ``roll`` (left side up), each with its unit in the head,
-such as ``vertical [mm]``. Further columns are ignored.
+The table (CSV, Parquet, Arrow) has a column ``distance`` or ``time``. It also has some of ``vertical`` (up),
+``lateral`` (to the left), ``cant`` (height of the left rail above the right) and ``roll`` (left side up). Each head has
+a unit, such as ``vertical [mm]``. Further columns are ignored.
 """
 
 from __future__ import annotations
@@ -62,8 +62,8 @@ class TrackRecord:
     unread: tuple[str, ...] = ()
 
     def times(self, speed: float) -> Samples:
-        """Return the time (s) from 0 on at which a train of ``speed`` (m/s) is at each place; for a record over time,
-        its times.
+        """Return the time (s) from 0 on at which a train of ``speed`` (m/s) is at each place; the recorded times for a
+        record over time.
         """
         return (self.places - self.places[0]) / (1.0 if self.timed else speed)
 

@@ -150,7 +150,8 @@ class Drive:
         """Return the command amplitude (m) that moves the bolster by ``amplitude``, or as far as possible.
 
         ``force`` (N) is the force of the actuator that is available for the motion. At 25 Hz the piston reaches 0.7 of
-        its command, and resonance of the frame enlarges the motion of the bolster; the result is corrected for both.
+        its command, and the resonance of the frame amplifies the motion of the bolster. The result is corrected for
+        both.
         """
         omega = tau * frequency
         frame = complex(self.frame, omega * self.frame_damping)

@@ -209,7 +209,8 @@ def _bench_holds(name: str) -> Precondition:
 def _strongest_wind(travel: Callable[[float], float], room: float) -> float | None:
     """Return the strongest wind whose ``travel`` (m) is at most ``room``; None if there is none.
 
-    The search has steps of 1 m/s, then of ``WIND_STEP`` around the strongest wind found, or around the least travel.
+    The search has steps of 1 m/s, then of ``WIND_STEP`` around the strongest wind found or, without one, around the
+    least travel.
     """
     coarse = np.arange(WINDS.high, WINDS.low - 0.5, -1.0)
     ways = np.array([travel(wind) for wind in coarse])
@@ -252,8 +253,8 @@ def take_up(load: str) -> Callable[..., None]:
 def _roll(run: Run, load: Load, force: float, roll: float) -> None:
     """Load the two sides unequally until the bolster rolls by ``roll`` (rad).
 
-    Springs soften with roll, so the first step applies half of the moment computed from the specimen's limits; each
-    step stays below the roll.
+    Springs soften with roll. So the first step applies half of the moment from the specimen's limits, and each step
+    stays below the roll.
     """
     left, right = (run.rig[one] for one in ACTUATORS)
     more = -0.5 * roll * middle(load.limits.band("roll_stiffness")) / (left - right)

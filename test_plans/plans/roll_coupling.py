@@ -107,7 +107,7 @@ def roll_coupling(
 
 
 def _odd_and_even(secants: list[float], storages: list[float]) -> tuple[float, float]:
-    """Return the lateral force (N) that changes sign with the roll, and K' rolled over K' level.
+    """Return the lateral force (N) that changes sign with the roll, and the ratio of K' rolled to K' level.
 
     The arguments are the results at the roll, at the opposite roll, and level.
     """

@@ -201,9 +201,9 @@ def track_record(
     the platform is right within 1 %.
 
     The run passes if the platform follows the record, and if the bolster stays clear of its bump stop. The vertical
-    stiffness of the springs over frequency is recorded. Its limits hold only for the motion for which they were stated:
-    on ERRI-low at 95 to 105 km/h, the vertical stiffness and loss angle between 0.5 and 2 Hz are judged by the limits
-    of `stochastic_crosswind`.
+    stiffness of the springs over frequency is recorded. Its limits hold only for the motion for which they were stated.
+    On ERRI-low at 95 to 105 km/h, the vertical stiffness and loss angle between 0.5 and 2 Hz are judged. The limits are
+    those of `stochastic_crosswind`.
     """
     times, moves = excitation(read(track), speed, duration, wind)
     controlled_axes = [name for name in WAYS if name in moves and np.std(moves[name]) >= LEAST]

@@ -142,7 +142,7 @@ def _once(
 
 
 def vertical_stiffness(times: Samples, rig: Rig, values: Values, frequency: float) -> Stiffness:
-    """Return the complex vertical stiffness per spring, the mean of both, from lasers and load cells."""
+    """Return the complex vertical stiffness per spring (mean of both), from lasers and load cells."""
     heights = 0.5 * (values["left.height"] + values["right.height"])
     loads = 0.5 * upward_force(values, rig)
     X = -harmonic(rig, times, heights, frequency, *HEIGHTS)
