@@ -327,8 +327,9 @@ class Laboratory:
     ) -> Dataset:
         """Return the runs of a specimen whose nuisances are drawn from their priors.
 
-        ``effects`` are hidden in it. ``colour`` is the AR(1) coefficient of the noise and ``loud`` its size over that
-        of the data sheet; a part ``dropped`` of the samples is lost; ``quantised`` rounds to two standard deviations.
+        The specimen has the hidden ``effects``. ``colour`` is the AR(1) coefficient of the noise, ``loud`` its size
+        relative to the data sheet. A fraction ``dropped`` of the samples is lost; ``quantised`` rounds to two standard
+        deviations.
         """
         rng = np.random.default_rng(seed)
         shared = self._drawn(rng, per_run=False)

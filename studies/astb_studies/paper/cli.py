@@ -26,7 +26,7 @@ from bench_records.layout import RecordError
 def paper_command(quick: bool, seed: int, out: Path) -> None:
     """Compute the paper's figures, its table and its claims again.
 
-    They come from the simulated rig and from closed forms. It writes OUT/index.html, figures as SVG and PNG,
+    The results are from the simulated rig and from closed forms. It writes OUT/index.html, figures as SVG and PNG,
     claims.json, comfort.csv, identified.toml and the records. A claim that does not hold is a result, not an error.
     """
     from astb_studies.paper.bench_results import NoBenchResult

@@ -129,7 +129,7 @@ def quasi_static_lateral(subject: Subject, preload: float) -> float:
 
 
 def moved_aside(subject: Subject, load: str, y: float, *without: str, **changes: Any) -> TimeHistory:
-    """Last instant of a lateral ramp to ``y`` m within 5 s that was held for a minute."""
+    """Return the last instant of a lateral motion: a ramp to ``y`` m in 5 s, then a hold of one minute."""
     plant = subject.resting(load, *without, **changes)
     ramp = ImposedMotion(LATERAL, y, 1.0 / (5 * s), Shape.RAMP)
     impose(plant, [ramp], 65 * s, dt=2.5e-3, rows=0)

@@ -1,8 +1,9 @@
 """Crosswind: the lateral force of the air on a moving car, from a mean wind and gusts that come from a seed.
 
 The train runs with V_t across a wind of Ū + u(t), square to the track. The gusts u are a sum of harmonics k/T with
-Gaussian amplitudes out of the counter hash of `bench_sim.model.noise`: periodic in the length T of the record, the same
-for the same seed, and refined, not changed, by a shorter step. Variations slower than 1/T are part of the mean.
+Gaussian amplitudes from the counter hash of `bench_sim.model.noise`. They are periodic in the length T of the record
+and depend only on the seed; a shorter step adds points to the same wind. Variations slower than 1/T are part of the
+mean.
 """
 
 from collections.abc import Callable
@@ -135,8 +136,8 @@ def wind_force(
 ) -> Samples:
     """Return the lateral force of the gusty wind on one car, F_w(Ū + u) in N, shape (n,); half of it on each bogie.
 
-    ``time`` (s, shape (n,)) has an even step, ``mean`` is Ū in m/s; u is the mean gust over the car length. ``seed`` is
-    the realisation: the same integer, the same wind. ValueError for an uneven ``time``.
+    ``time`` (s, shape (n,)) has an even step, ``mean`` is Ū in m/s; u is the mean gust over the car length. Equal
+    integers ``seed`` give equal realisations. ValueError for an uneven ``time``.
     """
     f, step = _harmonics(time)
     power = np.asarray(spectrum(f, mean, wind))

@@ -81,7 +81,7 @@ class GroundTruth(msgspec.Struct, frozen=True, kw_only=True):
 
     @staticmethod
     def read(path: Path) -> "GroundTruth":
-        """Read such a file: for the judge, after the diagnosis."""
+        """Read the file of `write`, after the diagnosis."""
         return msgspec.json.decode(path.read_bytes(), type=GroundTruth)
 
 

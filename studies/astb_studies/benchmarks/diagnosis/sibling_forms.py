@@ -1,10 +1,8 @@
 """Sibling rigs: the same bench with one law of another form, which no parameter of the model and no effect covers.
 
-Theory of operation
--------------------
-Parameters that differ between springs are fitted, and effects are candidates. A sibling differs in neither of them, but
-in one of these: the memory of rubber in small loops, the law of the orifice at a very small pressure difference, a wall
-temperature that differs from the hall, an actuator slower than its data sheet, or an area of the bellows that is curved
+Theory of operation ------------------- Parameters that differ between springs are fitted, and effects are candidates. A
+sibling has another difference: the memory of rubber in small loops, or the law of the orifice at a very small pressure
+difference. Others are a wall temperature that differs from the hall, a slow actuator, and a bellows area that is curved
 over the height.
 
 The curved area needs a term that the model does not have: V = V_0 + A_0 ζ + ½ A_1 ζ² + (1/6) A_2 ζ³. Around the present

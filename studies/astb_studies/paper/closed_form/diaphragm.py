@@ -1,8 +1,9 @@
 """Lateral stiffness of the rubber diaphragm by its gas: equations (8) to (10).
 
-The "effective area" and the "equivalent volume" are two fitted numbers of the lateral stiffness, not the derivatives of
-one volume: a volume that grows with |y| would push a conservative bellows away from its centre, and by symmetry a small
-lateral motion compresses nothing. With the area that carries the load the formula would give ten times the stiffness.
+The "effective area" and the "equivalent volume" are two fitted numbers of the lateral stiffness, not derivatives of one
+volume. A volume that grows with |y| would push a conservative bellows away from its centre. By symmetry, a small
+lateral motion does not change the volume. With the area that carries the load the formula would give ten times the
+stiffness.
 """
 
 import numpy as np

@@ -18,8 +18,8 @@ def layered_stiffness(par: PaperParameters) -> Real:
 def combined(K: Stiffness, K_e: Real, topology: Topology) -> Stiffness:
     """Diaphragm ``K`` (N/m, real or complex) and emergency spring ``K_e`` (N/m) as one stiffness.
 
-    "series" is physics: both carry the same lateral force. "parallel" is stated in the paper; with a rubber stack of
-    1 to 4 MN/m it hides the diaphragm, and with it most of what the load and the displacement change.
+    "series" is physics: both carry the same lateral force. "parallel" is stated in the paper. With a rubber stack of 1
+    to 4 MN/m, it hides the diaphragm and most of the influence of load and displacement.
     """
     if topology == "series":
         return K * K_e / (K + K_e)

@@ -17,8 +17,8 @@ def _frequency_sweep(run: Run, load: str) -> None:
 
     The motion is a sine of 5 mm at design height; values are of the first harmonic, per spring. Laterally the pressure
     is held, vertically all valves are shut. The vertical sweep is repeated with the connecting pipe (1.5 m, 50 mm) and
-    plates of 30 mm, which throttle no more, and there again with 0.5 mm, where little air moves and surges. Piston
-    speed (0.6 m/s) and force (180 kN vertically, 25 kN laterally, on a bolster of 1200 kg) limit the amplitude:
+    plates of 30 mm, which do not throttle. A further sweep with 0.5 mm shows the surge of the air with small flows.
+    Piston speed (0.6 m/s) and force (180 kN vertically, 25 kN laterally, on a bolster of 1200 kg) limit the amplitude:
     vertically from 16 Hz, laterally from 11 Hz down to 0.9 mm. The record has the amplitude and the temperature of the
     gas. A lateral sweep of 0.9 mm separates the effect of frequency from that of friction at a smaller amplitude.
 

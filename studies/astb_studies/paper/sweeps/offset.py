@@ -144,7 +144,7 @@ class LateralOffset:
         keep(run, name, "Volume", BELLOWS_SHEAR, VOLUME, own, volumes)
 
     def tangent_left(self, run: Run) -> Measured:
-        """Return K' of the dither at ±60 mm over that at the centre."""
+        """Return the ratio of K' of small motions at ±60 mm to that at the centre."""
         outermost = max(OFFSETS)
         sines = [one for one, y in zip(self.sines, OFFSETS, strict=True) if y in {0.0, outermost, -outermost}]
         centre = sines.index(self.sines[OFFSETS.index(0.0)])
