@@ -95,13 +95,11 @@ class Link:
     def lacks(self, *names: str) -> str:
         """Return as text which of the signals ``names`` this rig lacks, and why; "" if it has all."""
         absent = self.wiring.absent
-        missing: dict[str, list[str]] = {}  # each reason is printed once
+        found: dict[str, list[str]] = {}  # each reason is printed once
         for name in dict.fromkeys(names):
             if self.table[name].name in absent:
-                missing.setdefault(absent[name], []).append(name)
-        return "; ".join(
-            f"{self.wiring.rig} has no {', '.join(n)}: {reason}" for reason, n in missing.items()
-        )
+                found.setdefault(absent[name], []).append(name)
+        return "; ".join(f"{self.wiring.rig} has no {', '.join(n)}: {reason}" for reason, n in found.items())
 
     def describe(self) -> str:
         """Return the rig's state as text, with its reason and the limit that tripped first."""

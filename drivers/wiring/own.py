@@ -34,14 +34,12 @@ def own_description(
 
     ``ports`` are the keys ``can`` and ``modbus`` of its transport.
     """
-    content = _read(table)
+    base = _read(table)
     if absent:
-        content = replace(
-            content, absent={**content.absent, **absent}, carried=content.carried - absent.keys()
-        )
+        base = replace(base, absent={**base.absent, **absent}, carried=base.carried - absent.keys())
     if ports:
-        content = replace(content, transports={TRANSPORT: {**content.transports[TRANSPORT], **ports}})
-    return content
+        base = replace(base, transports={TRANSPORT: {**base.transports[TRANSPORT], **ports}})
+    return base
 
 
 def own_wiring(
