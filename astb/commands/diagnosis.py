@@ -94,7 +94,9 @@ def diagnose_command(
 @RIG_OPTION
 @click.option("--virtual", is_flag=True, help="Simulate the rig in virtual time, without sockets.")
 @click.option(
-    "--seed", type=SEED, help="Random seed of the simulated sensors, their noise, and the diagnosis."
+    "--seed",
+    type=SEED,
+    help="Random seed of simulated sensors and diagnosis.  [default: from the rig file, and 1]",
 )
 @effect_options
 @click.option("--budget", default="20 min", show_default=True, help="Maximum test time on the rig.")

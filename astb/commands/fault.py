@@ -47,7 +47,12 @@ def list_command(rig_named: str | None, modbus_port: int | None) -> None:
 @fault_command.command("on")
 @click.argument("name")
 @click.argument("values", nargs=-1, metavar="[KEY=VALUE]...")
-@click.option("--for", "lasting", metavar="TIME", help="Switch the fault off after this time, such as 3s.")
+@click.option(
+    "--for",
+    "lasting",
+    metavar="TIME",
+    help="Switch the fault off after this time, such as 3s; otherwise never.",
+)
 @RIG_OPTION
 @_PORT
 def on_command(

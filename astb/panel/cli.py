@@ -41,7 +41,11 @@ _LOCAL: Final = "127.0.0.1"
     multiple=True,
     help="Additional host name of this machine; repeatable.",
 )
-@click.option("--seed", type=SEED, help="Random seed of the simulated sensors, if the panel starts the rig.")
+@click.option(
+    "--seed",
+    type=SEED,
+    help="Random seed of the sensors, if the panel starts the rig.  [default: from the rig file]",
+)
 @click.option(
     "--opcua",
     type=click.IntRange(0, 65535),
