@@ -78,11 +78,11 @@ _TOML: Final = {
     "Cannot": "the key or the table occurs twice; remove one",
     "Duplicate": "the key occurs twice; remove one",
     "Expected newline": "there is text after the value; put a text between quotation marks",
-    "Expected ']": "a bracket is not closed",
+    "Expected ']": "a bracket is not closed; close it",
     "Expected '=": "the key has no value; write key = value",
-    "Unclosed": "a bracket is not closed",
+    "Unclosed": "a bracket is not closed; close it",
     "Unescaped": "the text contains \\; write \\\\, or put the text between single quotation marks",
-    "Unterminated": "the closing quotation mark of a text is missing",
+    "Unterminated": "the closing quotation mark of a text is missing; add it",
     "Invalid value": "the value is not valid; write a number, true, false, or a text between quotation marks",
     "Invalid date": "the date is not valid; write it like 2027-02-03",
     "": "the line is not TOML; write key = value, [table] or # comment",
@@ -250,7 +250,7 @@ def open_archive(path: Path, parsed: Collection[str] = ()) -> zipfile.ZipFile:
     try:
         archive = zipfile.ZipFile(path)
     except (zipfile.BadZipFile, ValueError, NotImplementedError, struct.error) as error:
-        raise Unfit(f"is not a readable zip archive ({error})") from None
+        raise Unfit(f"is not a readable zip archive ({error}); export it again") from None
     try:
         files = archive.infolist()
         total = sum(one.file_size for one in files)
@@ -278,7 +278,7 @@ def _check_directory(path: Path) -> None:
         tail = file.read()
     place = tail.rfind(b"PK\5\6")
     if place < 0 or place + 22 > len(tail):
-        raise Unfit("is not a zip archive")
+        raise Unfit("is not a zip archive; export it again")
     (directory,) = struct.unpack_from("<I", tail, place + 12)
     # ZIP64 has its sizes in another place. It is for more than 65 535 files or 4 GiB.
     if directory > _DIRECTORY_BYTES or tail[max(place - 20, 0) : place].startswith(b"PK\6\7"):

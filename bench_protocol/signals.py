@@ -73,13 +73,14 @@ class Signal:
                 f"{self.name}: high must be {len(self.choices) - 1}, the number of its last choice"
             )
         if self.choices and (self.low != 0 or self.step != 1):
-            raise ValueError(f"{self.name}: choices need low = 0 and step = 1")
+            raise ValueError(
+                f"{self.name}: low = {self.low:g} and step = {self.step:g}; with choices use low = 0 and step = 1"
+            )
         if len(set(self.choices)) < len(self.choices):
             raise ValueError(f"{self.name}: two of its choices have the same name; rename one")
         if (self.group is None) is (self.kind in MEASURED):
-            raise ValueError(
-                f"{self.name}: a measurement needs a group of sensors, and another signal must have none"
-            )
+            right = "add its group of sensors" if self.group is None else "remove group"
+            raise ValueError(f"{self.name} is a {self.kind} with group = {self.group}; {right}")
 
     @property
     def attribute(self) -> tuple[str, str]:

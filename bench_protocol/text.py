@@ -42,7 +42,7 @@ def decode(content: bytes, encoding: str = "") -> tuple[str, str]:
         text, name = _strictly(content, WINDOWS), WINDOWS
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
-        raise Unfit(f"is not a text file: line {line} has a byte 0")
+        raise Unfit(f"is not a text file: line {line} has a byte 0; save it as UTF-8 text")
     return text, name
 
 
