@@ -56,11 +56,11 @@ class Command:
             return f"the command did not end within {WITHIN:g} s"
         except OSError as error:
             return error.strerror or str(error)
-        told = done.stderr.decode(errors="replace").strip().splitlines()
+        errors = done.stderr.decode(errors="replace").strip().splitlines()
         return (
             ""
             if not done.returncode
-            else ": ".join([f"the command ended with exit code {done.returncode}", *told[-1:]])
+            else ": ".join([f"the command ended with exit code {done.returncode}", *errors[-1:]])
         )
 
 

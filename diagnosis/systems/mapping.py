@@ -322,7 +322,7 @@ class _Reader:
             return column.unit
         try:
             found = unit_of(stated, self.system.units)
-            said = found if column.unit is None else unit_of(column.unit, self.system.units)
+            expected = found if column.unit is None else unit_of(column.unit, self.system.units)
         except UnknownUnit as error:
             raise DiagnosisError(
                 f'{key}: the head of "{series.name}" in {path}: {error}; write a known unit in the file, or give the '
@@ -333,7 +333,7 @@ class _Reader:
                 f'{self.where}: columns.{name}.reading = "{column.reading}", but by the head in {path}, "{series.name}"'
                 f' is in {stated}; give reading = "{found.reading}", or ignore_head_unit = true if the head is wrong'
             )
-        if not found.same(said):
+        if not found.same(expected):
             self.contradicted.setdefault(name, (path, stated))
         return column.unit or stated
 
@@ -385,8 +385,8 @@ def _clock(
     finest = min((one for name, one in usual.items() if name not in held), default=0.0)
     step = finest if mapping.time.step is None else quantity(mapping.time.step, "s", f"{where}: time.step")
     longest = mapping.time.longest_gap
-    said = None if longest is None else quantity(longest, "s", f"{where}: time.longest_gap")
-    gaps = {name: 3.0 * usual.get(name, finest) if said is None else said for name in table}
+    longest_gap = None if longest is None else quantity(longest, "s", f"{where}: time.longest_gap")
+    gaps = {name: 3.0 * usual.get(name, finest) if longest_gap is None else longest_gap for name in table}
     begin = min(float(one.times[0]) for one in table.values() if len(one.times))
     there = [times for times in known.values() if len(times)]
     first = max((float(times[0]) for times in there), default=begin)

@@ -188,10 +188,10 @@ def in_step(left: Array, motion: Array, step: float, noise: float) -> Array:
     vv, aa, va = around(speed**2), around(acceleration**2), around(speed * acceleration)
     sv, sa = around(seen * speed), around(seen * acceleration)
     determinant = vv * aa - va**2
-    told = determinant > 1e-6 * vv * aa
-    determinant = np.where(told, determinant, 1.0)
+    regular = determinant > 1e-6 * vv * aa
+    determinant = np.where(regular, determinant, 1.0)
     beta, alpha = (aa * sv - va * sa) / determinant, (vv * sa - va * sv) / determinant
-    chi2 = np.where(told, beta * sv + alpha * sa, 0.0) / np.maximum(noise**2, power)
+    chi2 = np.where(regular, beta * sv + alpha * sa, 0.0) / np.maximum(noise**2, power)
     part = 1.0 - (_CHANCE / np.maximum(chi2, _CHANCE)) ** 2
     return np.asarray(part * (beta * speed + alpha * acceleration))
 

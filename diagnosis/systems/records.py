@@ -96,8 +96,8 @@ def dataset_of(directories: Sequence[Path], records: Sequence[Record], simulator
             f"{directories[0]} holds sines of a plan, but no record holds runs for the fit of the model; add a record "
             "of the plan `screening`"
         )
-    told = [row for record in records for row in record.meta.get("reading", {}).get("quality", [])]
-    quality = tuple(DataQuality(**row) for row in told)  # of imported files
+    rows = [row for record in records for row in record.meta.get("reading", {}).get("quality", [])]
+    quality = tuple(DataQuality(**row) for row in rows)  # of imported files
     return Dataset(
         channels,
         tuple(_with_unique_names(runs)),

@@ -134,26 +134,26 @@ def remembered_places(
         known = past.knows("lateral.force")
         force = past.until_now("lateral.force") if known else np.zeros(len(past.edges))
         places[SHEAR] = sheared(seen, force / float(par.frame_stiffness[LATERAL]), par)
-    told = {}
+    distances = {}
     for place, values in places.items():
         for memory in MEMORIES:
             weights, before = past.forgotten(memory)
             mean = weights @ values[:-1] + before * values[0]
-            told[behind_setting(place, memory)] = float(values[-1] - mean)
-    return told
+            distances[behind_setting(place, memory)] = float(values[-1] - mean)
+    return distances
 
 
 def before(settings: Mapping[str, float], par: Any) -> Before:
     """Return the memory of the rubber at the start of a run, for a replay, from its settings."""
-    told = Before.at_rest()
+    memory = Before.at_rest()
     for i, side in enumerate(SIDES):
         if par.creep_ratio[i]:
             load = remembered(settings, side, float(par.creep_time[i]))
-            told.crept[i] = par.creep_ratio[i] * load / par.emergency_stiffness_vertical[i]
+            memory.crept[i] = par.creep_ratio[i] * load / par.emergency_stiffness_vertical[i]
     for j in np.flatnonzero(par.extra_branch_ratio):
         time = float(par.extra_branch_time[j])
-        told.behind[j] = [behind(settings, place, time) for place in (*SIDES, SHEAR, SHEAR)]
-    return told
+        memory.behind[j] = [behind(settings, place, time) for place in (*SIDES, SHEAR, SHEAR)]
+    return memory
 
 
 def remembered(settings: Mapping[str, float], side: str, memory: float) -> float:
@@ -171,8 +171,8 @@ def behind(settings: Mapping[str, float], place: str, memory: float) -> float:
     """
     if behind_setting(place, MEMORIES[0]) not in settings:
         return 0.0
-    told = tuple(settings[behind_setting(place, known)] for known in MEMORIES)
-    return _between((_AT_ONCE, *MEMORIES), (0.0, *told), memory)
+    distances = tuple(settings[behind_setting(place, known)] for known in MEMORIES)
+    return _between((_AT_ONCE, *MEMORIES), (0.0, *distances), memory)
 
 
 @lru_cache(maxsize=4096)

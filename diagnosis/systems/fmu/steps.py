@@ -62,11 +62,11 @@ def _biases(
     prior precision, and n (``times``) the ratio of all data to these runs.
     """
     noise = np.array([channel.noise for channel in simulator.channels])
-    told, base = noise > 0.0, simulator.nuisances
-    if not base or not told.any():
+    noisy, base = noise > 0.0, simulator.nuisances
+    if not base or not noisy.any():
         return
-    J = np.stack([_over(_moved(simulator, one, runs, now), told, noise) for one in base], axis=1)
-    e = _WHOLE_ERROR * _over(changes, told, noise)
+    J = np.stack([_over(_moved(simulator, one, runs, now), noisy, noise) for one in base], axis=1)
+    e = _WHOLE_ERROR * _over(changes, noisy, noise)
     counted = np.isfinite(e) & np.isfinite(J).all(axis=1)
     J, e = J[counted], e[counted]
     information = times * J.T @ J + np.diag([1.0 / one.spread**2 for one in base])
@@ -83,9 +83,9 @@ def _biases(
         )
 
 
-def _over(outputs: Sequence[Array], told: NDArray[np.bool_], noise: Array) -> Array:
+def _over(outputs: Sequence[Array], noisy: NDArray[np.bool_], noise: Array) -> Array:
     """Return the outputs divided by the noise, as one row."""
-    return np.concatenate([(one[:, told] / noise[told]).ravel() for one in outputs])
+    return np.concatenate([(one[:, noisy] / noise[noisy]).ravel() for one in outputs])
 
 
 def _moved(
