@@ -235,14 +235,14 @@ def test_a_wiring_is_closed_though_the_plan_failed(tiny):
 def test_a_refused_order_does_not_block_the_others(tiny):
     """On the way to rest the following orders may still be sent."""
     tiny.sequences = Sequences(tiny.sequences.up, (), (Order({"key": 7}), Order({"key": 0})), ("DISABLED",))
-    say = tiny.say
+    write_points = tiny.write_points
 
     def refuse(points):
         if points["key"] == 7:
             raise Refused("key = 7 was refused", 4)
-        say(points)
+        write_points(points)
 
-    tiny.say = refuse
+    tiny.write_points = refuse
     with Bench(tiny, tiny.clock) as bench:
         bench.arm()
         bench.disarm()
