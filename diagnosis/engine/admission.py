@@ -13,13 +13,10 @@ if the model is sufficient with it and insufficient without it: no other score e
 rejects the model, and the select runs are predicted clearly better. An inexact equation cannot cause this, because no
 single candidate explains all of its residual.
 
-If nothing enters, pairs are tested. If two causes are missing, a fit with only one of them moves the base parameters
-far from their priors. For example, a lag seems to need a wrong mass because the rubber is missing too. Two trials that
-failed only for this reason are fitted together, if they are of different families.
-
-If no pair enters and the residual is far above the noise, the second cause may not be among the trials: a large leak
-hides the scores of other causes. So the strained trial that explains most is added to the model, all candidates are
-scored again, and the highest ones are fitted with it (`choose_with_strained`).
+If nothing enters and the residual is far above the noise, two causes may be missing. A fit with only one of them moves
+the base parameters far from their priors: a lag seems to need a wrong mass because the rubber is missing too. A large
+leak also hides the scores of other causes. So the strained trial that explains most is added to the model, all
+candidates are scored again, and the highest ones are fitted with it (`choose_with_strained`).
 """
 
 from __future__ import annotations
@@ -27,11 +24,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import combinations
 
 from diagnosis.engine.config import COMPARABLE, GAINS_DENSITY, PAIRED, SUBSTITUTE
 from diagnosis.engine.family import richer_members, richer_surcharge
-from diagnosis.engine.fitting.point import Point, effect_coordinates
+from diagnosis.engine.fitting.point import Point
 from diagnosis.engine.footprints import with_surfaces
 from diagnosis.engine.gates import unfit
 from diagnosis.engine.p_values import bonferroni
@@ -109,21 +105,6 @@ def _surfaces_see(problem: Problem, beside: CurrentModel) -> bool:
     around = with_surfaces(replay, beside.footprints)
     tests = fit_and_screen(replay, around, alpha=config.alpha, seed=config.seed).tests
     return any(bonferroni(test.p, len(tests)) < config.alpha_unknown for test in tests)
-
-
-def choose_pair(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Trial | None:
-    """Return the best model with two further causes, each of which is unphysical alone."""
-    current = state.current
-    strained = [trial for trial in trials if not trial.physical][:PAIRED]
-    found: list[Trial] = []
-    for first, second in combinations(strained, 2):
-        one, two = problem.hypotheses[first.effect], problem.hypotheses[second.effect]
-        if one.family == two.family or len(current.effects) + 2 > problem.config.max_effects:
-            continue
-        shapes = [second.point.effects()[two.name][shape.name] for shape in two.shapes]
-        start = first.point.extended(effect_coordinates(two), (0.0, *shapes))
-        found += _with_two(problem, state, (one.name, two.name), start)
-    return min(found, key=lambda trial: trial.bic, default=None)
 
 
 def choose_with_strained(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Trial | None:

@@ -7,7 +7,7 @@ is steps 3 to 6 of the method:
 
 1. `trials.current_model`: noise, fit, footprints and scores around the effects accepted so far (steps 2 to 5); 2.
 `trials.fit_trials`: effects above the threshold are fitted and judged by the gates (`gates.py`); 3. `admission.choose`,
-`choose_pair`, `choose_sufficient`, `admit`: one trial enters, or two together, or none. If none enters and the residual
+`choose_sufficient`, `admit`: one trial enters, or two together, or none. If none enters and the residual
 is far above the noise, `second_look.look_again` fits causes that act only temporarily, which enter in the same way;
 otherwise the search ends; 4. `rivals.swap`: rivals are tested in place of each accepted effect.
 
@@ -23,7 +23,6 @@ from dataclasses import replace
 from diagnosis.engine.admission import (
     admit,
     choose,
-    choose_pair,
     choose_sufficient,
     choose_with_strained,
 )
@@ -54,11 +53,7 @@ def search(problem: Problem, progress: Progress = lambda _text, _part: None) -> 
             progress(f"fitting candidates in addition to {beside}", 0.1 + 0.8 * done)
             trials = fit_trials(problem, state)
         state = state.after(trials)
-        chosen = (
-            choose(problem, state, trials)
-            or choose_pair(problem, state, trials)
-            or choose_sufficient(problem, state, trials)
-        )
+        chosen = choose(problem, state, trials) or choose_sufficient(problem, state, trials)
         if chosen is None and done < 1.0 and far_above_noise(state):
             progress("looking for a second cause", 0.1 + 0.8 * done)
             chosen = choose_with_strained(problem, state, trials)

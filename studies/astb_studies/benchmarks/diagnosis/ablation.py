@@ -124,7 +124,6 @@ RULES: Final = (
         _first_that_passes,
         lambda result, *args: result is not _first_that_passes(*args),
     ),
-    Rule("pair of unphysical trials", "admission", "choose_pair", _always(None), _is_something),
     Rule("small but sufficient", "admission", "choose_sufficient", _always(None), _is_something),
     Rule("with a strained trial", "admission", "choose_with_strained", _always(None), _is_something),
     Rule("second look", "second_look", "look_again", _always(())),
