@@ -229,6 +229,13 @@ def _detection(single: Sequence[Judged]) -> list[str]:
     return [
         _rate("detected at λ ≥ 6", "≥ 95 %", 0.95, visible, lambda j: j.detected),
         _rate("named exactly at λ ≥ 10", "≥ 95 %", 0.95, clear, lambda j: j.exact),
+        _rate(
+            "named exactly, or its phenomenon, at λ ≥ 10",
+            "≥ 95 %",
+            0.95,
+            clear,
+            lambda j: j.exact or j.in_family,
+        ),
         _rate("named exactly if next of kin leave λ ≥ 10", "≥ 95 %", 0.95, alone, lambda j: j.exact),
         _rate(
             "named exactly or as next of kin, if they leave less of λ ≥ 10", "", 1.0, among_kin, _named_or_kin
