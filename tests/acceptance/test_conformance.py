@@ -218,7 +218,7 @@ def test_two_rigs_are_compared(sound, tmp_path):
     assert apart["half of a float"].there == "exception 3"
     assert "SpringLeft, rate" not in apart
     path.write_text("{}")
-    with refuses(ReportError, "report"):
+    with refuses(ReportError, "sound.json"):
         read_report(path)
 
 
