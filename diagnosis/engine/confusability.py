@@ -135,7 +135,7 @@ def _unseen(screening: Screening, model: FittedModel, company: Company, place: i
     if raw == 0.0:
         sentence = "It has no influence on these runs"
     elif smallest > most:
-        why = f", because a change of {hides} has the same effect" if hides else ""
+        why = f", because another value of {hides} has the same effect" if hides else ""
         sentence = f"It is not visible in these runs{why}"
     elif not company.quiet:
         sentence = (

@@ -347,8 +347,8 @@ def _remains(data: Dataset, judgement: Judgement, left: Remainder) -> list[str]:
     """Return sentences on unexplained errors, and on checks that were not possible."""
     screening = judgement.screened.screening
     sentences = [
-        f"{screening.candidates[i].effect.title} still has a score of {screening.z[i]:.1f}, "
-        f"above the threshold of {screening.threshold:.1f}."
+        f"{screening.candidates[i].effect.title} has a score of {screening.z[i]:.1f} in the final model, "
+        f"above the threshold of {screening.threshold:.1f} there."
         for i in screening.exceeding
     ]
     titles = {one.effect.name: one.effect.title for one in screening.candidates}

@@ -22,6 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Final
 
 import numpy as np
 
@@ -41,12 +42,14 @@ from diagnosis.engine.noise import ChannelNoise, Noise
 from diagnosis.engine.whitening import filters
 from diagnosis.estimates import percent
 
+_STOPPED: Final = "another candidate is far better, so its fit was stopped early"
+
 
 def unfit(model: FittedModel, base: FittedModel) -> str:
     """Return why a fit with one more effect is not an explanation, as a clause; "" if it may be one."""
     gap = model.bic - base.bic
     if not gap < 0.0:
-        return f"the BIC gets worse by {gap:.1f}" if model.converged else "another candidate is far better"
+        return f"adding it makes the BIC worse by {gap:.1f}" if model.converged else _STOPPED
     return unphysical(model, base)
 
 
@@ -102,7 +105,9 @@ def out_of_range(model: FittedModel) -> dict[Coordinate, str]:
             and push**2 > RANGE_CHI2 * model.noise.dispersion * fitted.information[i, i]
         ):
             name = coordinate.in_words(model.replay.simulator.catalogue)
-            found[coordinate] = f"the {name} reaches the limit of its range ({_shown(coordinate, number)})"
+            found[coordinate] = (
+                f"the {name} reaches the limit of its permitted range ({_shown(coordinate, number)})"
+            )
     return found
 
 
@@ -123,7 +128,9 @@ def merely_rough(gained: float, explained: float, threshold: float, config: Conf
     if not explained or gained >= config.rough**2 * explained + threshold**2:
         return ""
     part = math.sqrt(gained / explained)
-    return f"it adds only {percent(part)} to the accepted causes, which may be an error of their equations"
+    return (
+        f"its λ is only {percent(part)} of that of the accepted causes, whose equations may be that inexact"
+    )
 
 
 def explains_too_little(
@@ -155,7 +162,7 @@ def explains_too_little(
         return ""
     name = replay.simulator.channels[channel].name
     part = f"only {percent(gained)}" if gained > 0.0 else "0 %"
-    return f"it reduces the error of {name} by {part}, although it affects this channel most"
+    return f"it reduces the error of {name}, where it acts most, by {part}"
 
 
 def noise_floors(channels: Sequence[Channel], runs: Sequence[MeasuredRun], noise: Noise) -> Array:

@@ -109,7 +109,7 @@ def _kind(series: Sequence[tuple[Array, float]], floor: float, ratio: float) -> 
     if _block_means(values, WALK_BLOCKS).var() > 0.5 * MOST_OF_EXCESS * (ratio**2 - 1.0) * floor**2:
         return "a slow drift (random walk)"
     white = min(ljung_box(values) for values, _ in series) * len(series)
-    return "similar in successive samples (autocorrelation)" if white < 1e-3 else ""
+    return "similar from one sample to the next (autocorrelation)" if white < 1e-3 else ""
 
 
 def ljung_box(values: Array) -> float:

@@ -34,7 +34,7 @@ WRONG: Final = MappingProxyType(
         Verdict.NO_EFFECT: "These runs do not contradict the model.",
         Verdict.DOUBTFUL: "Some data are doubtful. The other data do not contradict the model.",
         Verdict.NAMED: _CAUSES,
-        Verdict.AMBIGUOUS: _CAUSES,
+        Verdict.AMBIGUOUS: f"Possible cause: {_CAUSES}",
         Verdict.UNRESOLVED: "The model has an error, but no candidate passes every test.",
         Verdict.UNKNOWN: "The model has an error that no known effect explains. {unknown}",
         Verdict.REMAINDER: f"{_CAUSES} The model has another error, which was not identified. {{unknown}}",
@@ -121,9 +121,9 @@ def further(screening: Screening) -> str:
         return ""
     title, count = _begun(screening.candidates[first].effect.title), len(others) - 1
     if not count:
-        return f"{title} may be there as well. It fits the remaining error better than chance allows."
+        return f"{title} is also possible. Its score in the remaining error is above the threshold."
     more = f"{count} other effect{'s' if count > 1 else ''}"
-    return f"{title} or {more} may be there as well. Each of them fits the remaining error better than chance allows."
+    return f"{title} and {more} are also possible. The score of each in the remaining error is above the threshold."
 
 
 def _sentences(parts: Sequence[str]) -> str:

@@ -159,7 +159,7 @@ def _still_scores(name: str, beside: Screening) -> str:
     score = float(beside.z[beside.best(name)])
     if score <= beside.threshold:
         return "below the threshold in the final model"
-    return f"it may be there as well, because its score is still {score:.1f} in the final model"
+    return f"it is also possible, because its score is {score:.1f} in the final model"
 
 
 def _cosine(found: SearchResult, first: str, second: str) -> float | None:

@@ -79,19 +79,19 @@ _TERMS: Final = (
     ("final model", "the base model with the causes"),
     ("fit runs", "runs to which parameters are fitted"),
     ("validation runs", "runs that select among the candidates"),
-    ("test runs", "runs that measure the result; no fit uses them"),
+    ("test runs", "runs on which the error is measured; no fit uses them"),
     ("prior", "the expected value of a parameter before the fit, with its uncertainty"),
     ("residual", "measured value minus value of the fitted model, also called error"),
     (
         "footprint",
-        "the change of the measured values by an effect, without the part that other parameters can imitate",
+        "the change of the measured values by an effect, after subtraction of what other parameters can also produce",
     ),
-    ("score", "how clearly the residual contains a footprint, in standard deviations of the noise"),
+    ("score", "the fitted size of a footprint in the residual, divided by its standard deviation"),
     ("threshold", "the score that chance alone seldom exceeds"),
-    ("λ", "the size of the footprint, in standard deviations of the noise"),
+    ("λ", "how much an accepted cause explains: the root of the increase of χ² without it"),
     ("cosine", "the similarity of two footprints, from 0 (different) to 1 (equal)"),
     ("BIC", "a number that compares models by their misfit and number of parameters; a lower BIC is better"),
-    ("log density", "how well a model predicts runs, with its uncertainty; a higher value is better"),
+    ("log density", "how well a model and its stated uncertainty predict new runs; a higher value is better"),
 )
 _STYLE: Final = """\
 .banner.calm { --tone: var(--pass); } .banner.found { --tone: var(--found); }
@@ -112,17 +112,17 @@ ul.sentences { max-width: 54rem; } ul.sentences li { margin-bottom: .18rem; }
 """
 #: Names of the settings of a diagnosis on the page.
 _SETTINGS: Final = {
-    "alpha": "chance of a false alarm",
-    "alpha_unknown": "significance level of surfaces",
+    "alpha": "chance of a false alarm per diagnosis",
+    "alpha_unknown": "significance level of unknown effects (surfaces)",
     "max_effects": "maximum number of causes",
     "fits": "candidates fitted in each step",
     "ambiguous": "largest BIC gap of alternatives",
-    "lpd_loss": "allowed loss of log density of the validation runs",
+    "lpd_loss": "largest permitted loss of log density of the validation runs",
     "workers": "processor threads",
-    "rough": "smallest λ of a further cause, as a share of the accepted causes",
-    "gain": "smallest explained share of the error in a channel",
-    "with_panel": "with tests of the error",
-    "with_gain": "with the gain on test runs",
+    "rough": "smallest λ of a further cause, divided by λ of the accepted causes",
+    "gain": "smallest share of the error that a cause must explain",
+    "with_panel": "tests of the error calculated",
+    "with_gain": "improvement on test runs calculated",
     "effects": "tested effects",
 }
 _DOUBTFUL: Final = Markup("<b>Doubtful:</b> ")
@@ -204,7 +204,7 @@ def _conclusions(finding: Finding, history: InvestigationHistory | None) -> Iter
     """
     titles = _titles(finding)
     if finding.quality:
-        heads = "file | column | check | finding | count | first | treatment"
+        heads = "file | column | check | finding | count | first at | treatment"
         yield section(
             "Data quality",
             "The checks of the data found these problems.",
@@ -246,7 +246,8 @@ def _conclusions(finding: Finding, history: InvestigationHistory | None) -> Iter
 
 def _quality_row(one: DataQuality) -> tuple[object, ...]:
     doubt = Markup("; <b>doubt</b>") if one.doubt else ""
-    found, count = prose(one.found), f"{one.count} of {one.samples}"
+    of = f"gap{'s' if one.count > 1 else ''} in" if one.check == "missing" else "of"
+    found, count = prose(one.found), f"{one.count} {of} {one.samples} samples"
     return one.file, one.column, one.check, found, count, one.first, escape(prose(one.consequence)) + doubt
 
 
@@ -278,7 +279,7 @@ def _candidate(one: Cause | Rival | Suspect, about: str = "", note: str = "") ->
 
 def _unknown(place: int, one: Unknown) -> Markup:
     about = paragraph(prose(one.sentence)) + caption(
-        "A surface is a smooth function of two quantities without a physical meaning. It does not name a cause."
+        "A surface is a smooth function of two quantities. It has no physical law and does not name a cause."
     )
     drawn = drawings.panel_figure(f"unknown{place}", one.title, one.figure) if one.figure else ""
     return element("div", element("div", about) + figure(drawn), "pair")
@@ -295,7 +296,7 @@ def _detectable(unseen: Sequence[Unseen]) -> Markup:
         "100 cases.",
         table(heads, map(_unseen_row, unseen)),
         caption(
-            "The remaining footprint is the share of the change that no parameter of the model can imitate."
+            "The remaining footprint is the share of the effect on the measured values that the model cannot imitate."
         ),
     )
 
@@ -309,7 +310,7 @@ def _gain(finding: Finding) -> Markup:
     """Return the errors of both models on the report runs, and their curves."""
     extended, report = bool(finding.models.effects), finding.provenance.report
     covered = (map(percent, (one.level, one.before, one.after)) for one in finding.coverage)
-    within = [(f"in the {level} band of the noise", *both, level) for level, *both in covered]
+    within = [(f"in the range that contains {level} of the noise", *both, level) for level, *both in covered]
     return section(
         "Improvement on the test runs" if extended else "How well the model predicts the test runs",
         f"No parameter was fitted to {'these runs' if report[1:] else 'this run'}: {', '.join(report)}.",
@@ -321,8 +322,8 @@ def _gain(finding: Finding) -> Markup:
         ),
         caption(
             "Before: the base model. After: the model with the causes. The signal is the standard deviation of the "
-            "measurement. The removed share is (RMS₀² − RMS₁²) / (RMS₀² − noise²). RMS₀ is the RMS error before, and "
-            "RMS₁ after. No model can remove the noise."
+            "measured values. The removed share is (RMS₀² − RMS₁²) / (RMS₀² − noise²). RMS₀ is the RMS error before, "
+            "and RMS₁ after. No model can remove the noise."
         ),
         table("share of the samples | before :n | after :n value | expected :n", within, "numbers"),
         caption(_COVERED if within else ""),
@@ -349,12 +350,12 @@ def _statistics(finding: Finding) -> Iterator[Markup]:
     facts = {
         "error before, on the test runs": gain and f"{shown(gain.noise_ratio_before)} × noise",
         "error after": gain and f"{shown(gain.noise_ratio)} × noise",
-        "reduction of the RMS error beyond the noise": gain
+        "reduction of the RMS error (not squared) beyond the noise": gain
         and gain.fraction is not None
         and percent(gain.reduction),
         "fit, validation and test runs": f"{len(source.fit)}, {len(source.select)}, {len(source.report)}",
         "tested effects": str(len(finding.scores)),
-        "chance of a false alarm": percent(finding.alpha),
+        "chance of a false alarm per diagnosis": percent(finding.alpha),
     }
     known = key_facts((name, text) for name, text in facts.items() if text)
     yield element("h2", "Statistics", "statistics") + known
@@ -363,7 +364,7 @@ def _statistics(finding: Finding) -> Iterator[Markup]:
         yield section(
             "Parameters that imitate the cause",
             "Without the cause, the fitted values of these parameters are far from the expected values. With the "
-            "cause, they agree. The distances are in standard deviations of the prior.",
+            "cause, they are near these. The distances are in standard deviations of the prior.",
             table(
                 "parameter | run :u | without the cause :n value | with the cause :n | expected (prior) :n | "
                 "± (95 %) :n | unit :u | distance without the cause :n words | distance with the cause :n words",
@@ -395,8 +396,8 @@ def _statistics(finding: Finding) -> Iterator[Markup]:
             f"The threshold of the scores is {shown(finding.threshold)}.",
             table(heads, rows),
             caption(
-                "The data do not exclude an alternative whose BIC is worse by less than 10. If the remaining error "
-                "exceeds the noise, they also do not exclude an alternative that predicts the test runs equally well."
+                "An alternative remains possible if its BIC is worse by less than 10. If the remaining error exceeds "
+                "the noise, an alternative that predicts the test runs equally well also remains possible."
             ),
         )
     if finding.next_runs or finding.next_sensors:
@@ -444,7 +445,7 @@ def _strengths(finding: Finding) -> Iterator[tuple[object, ...]]:
     for one in finding.unknowns:
         near = "; ".join(f"{titles[other.effect]} (cosine {shown(other.cosine)})" for other in one.nearest)
         test = f"χ² = {shown(one.statistic)} with {one.freedom} degrees of freedom, p {chance(one.p)}"
-        text = f"fitted surface, no cause. Test: {test}. Similar effects: {near}"
+        text = f"fitted surface, no cause. Test on the fit runs: {test}. Similar effects: {near}"
         yield one.title, text, "", "", "", gained(one.lpd_gain), ""
 
 
@@ -496,8 +497,8 @@ def _tests(finding: Finding) -> Iterator[Markup]:
         "Each candidate has a score. By chance alone, the highest of all scores exceeds the threshold in "
         f"{percent(finding.alpha)} of diagnoses.",
         drawing(drawings.score_points("scores", finding.scores, finding.threshold)),
-        subheading("Candidates above the threshold that are no causes") if rejected else "",
-        table("effect | family :u | score :n | with :u words | reason", rejected),
+        subheading("Candidates above the threshold that were not accepted") if rejected else "",
+        table("effect | family :u | score :n | at shape values :u words | reason", rejected),
     )
     if not finding.panel:
         return
@@ -515,7 +516,7 @@ def _tests(finding: Finding) -> Iterator[Markup]:
     yield section(
         "Tests of the error of the base model",
         "These tests show where and when the measured values differ from the base model. No test assumes a cause. "
-        f"{len(clear)} of {len(tested)} tests are significant.{by_chance}",
+        f"{len(tested)} tests apply, and {len(clear)} of them are significant.{by_chance}",
         drawing(drawings.panel_map("panel", finding.panel)),
         caption(
             "Each row is a test, each column a measured signal. The number is the statistic of a significant test (k: "
@@ -523,7 +524,10 @@ def _tests(finding: Finding) -> Iterator[Markup]:
             "chance. Each test has its own scale, so compare numbers only within a row. A dot means that the test does "
             "not apply."
         ),
-        table("result | run :u words | probability by chance :n | possible causes :u words", rows),
+        table(
+            "result | run :u words | probability of such a result by chance :n | possible causes :u words",
+            rows,
+        ),
         pairs(drawings.panel_figure(f"panel{place}", *one) for place, one in enumerate(drawn)),
     )
 
@@ -547,14 +551,16 @@ def _limits(finding: Finding) -> Iterator[Markup]:
             "No method can distinguish two effects with the same footprint. A darker field means more similar "
             "footprints. The numbers are cosines above 0.9.",
             drawing(drawings.cosine_map("cosines", finding.confusability, titles)),
-            subheading("These runs cannot distinguish effects of usual size") + alike if alike else "",
+            subheading("Pairs that these runs cannot distinguish at the expected size") + alike
+            if alike
+            else "",
         )
     if shifts := _largest_shifts(finding.shifts):
         yield section(
             "The parameters of the base model, before and after",
             "If the model lacks a cause, wrong values of its parameters compensate for the cause. Their intervals are "
-            "then too narrow. The shift is in standard deviations of the fit without the cause. If it is outside the "
-            "grey band, the 95 % interval of the base model was wrong.",
+            "then too narrow. The shift is divided by the standard deviation from the fit without the cause. If a "
+            "parameter is outside the grey band, its 95 % interval in the base model was too narrow.",
             drawing(
                 drawings.shift_rows("shifts", [(_label(shift), shift.sigmas or 0.0) for shift in shifts])
             ),

@@ -53,8 +53,8 @@ def follows(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicab
         share = float(np.sqrt(value / (y @ y)))
         how = {
             "linear": "follows",
-            "even": "is similar for low and high values of",
-            "odd": "changes, but not in proportion, with",
+            "even": "is about equal at low and high values of",
+            "odd": "depends, but not linearly, on",
         }[parity]
         return Evidence(
             statistic=value,

@@ -36,8 +36,8 @@ def size(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     return Evidence(
         statistic=float(ratios[worst]),
         p=bonferroni(p_of_chi2(2.0 * ratios[worst] * counts[worst], 2 * int(counts[worst])), len(bands)),
-        sentence=f"the error of {name} is {np.sqrt(total):.3g} times the noise (from {low:g} to {high:g} Hz: "
-        f"{np.sqrt(ratios[worst]):.3g} times)",
+        sentence=f"the error of {name} is {np.sqrt(total):.3g} times the noise (from {low:g} to {high:g} Hz "
+        f"{np.sqrt(ratios[worst]):.3g} times the noise there)",
         points_to="any cause",
         draw=lambda: Figure(
             kind="bars",
@@ -66,7 +66,7 @@ def memory(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     return Evidence(
         statistic=q,
         p=p_of_chi2(q, LJUNG_BOX_LAGS),
-        sentence=f"the error of {name} is similar {lag * residuals.step:.3g} s later (autocorrelation "
+        sentence=f"errors of {name} that are {lag * residuals.step:.3g} s apart are similar (autocorrelation "
         f"{rho[lag - 1]:.2f})",
         points_to="lag, delay, fast dynamics",
         draw=lambda: Figure(
@@ -113,7 +113,7 @@ def drift(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     return Evidence(
         statistic=value,
         p=bonferroni(p, len(DRIFT_BLOCKS)),
-        sentence=f"the mean error of {channel.name} over {seconds:.3g} s varies from {np.nanmin(means):.3g} to "
+        sentence=f"the means of the error of {channel.name} over {seconds:.3g} s vary from {np.nanmin(means):.3g} to "
         f"{np.nanmax(means):.3g} {unit}",
         points_to="leak, heat, drift, volume",
         draw=lambda: Figure(
