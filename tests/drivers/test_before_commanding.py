@@ -189,7 +189,7 @@ def test_a_read_only_client_does_not_affect_a_live_rig(stranger):
 
 
 @pytest.mark.parametrize("first", [lambda one: one.write({"Order.Request": 1}), lambda one: one.begin()])
-def test_a_transport_sends_nothing_before_the_first_command(tmp_path: Path, first: Callable) -> None:
+def test_no_transport_sends_before_the_first_command(tmp_path: Path, first: Callable) -> None:
     (tmp_path / "rig.dbc").write_text(DBC)
     clock, sent = VirtualClock(), []
     table = {

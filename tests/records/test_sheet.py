@@ -66,7 +66,7 @@ def test_a_path_passes_through_all_points_and_breaks_at_gaps(pieces: list[list[t
         assert length(line) == pytest.approx(length(piece))
 
 
-def test_values_beside_the_scale_are_not_drawn_and_those_on_it_are_where_the_scale_says() -> None:
+def test_only_values_on_the_scale_are_drawn_at_its_positions() -> None:
     paper = Sheet(Margins(1.0), (0.0, 10.0), (-1.0, 1.0))
     paper.line([-1.0, 0.0, 10.0, 11.0], [0.0, -1.0, 1.0, 0.0], Look("#000", 1.0))
     (line,) = corners(paper.drawn("one"))
