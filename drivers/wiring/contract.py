@@ -74,10 +74,9 @@ class Sequences:
     )  #: state of the air of the springs, by state of the rig, if known
 
 
-#: The error for a rig without a watchdog, of which the name is missing.
+#: The error for a rig without a known watchdog, to be formatted with its name. A wiring file cannot state a watchdog.
 NO_WATCHDOG: Final = (
-    "the wiring of {} does not state that the rig detects a silent commander; set "
-    "capabilities.watchdog = true if it does"
+    "the wiring of {} does not state that the rig detects a silent commander; test its watchdog by hand"
 )
 
 

@@ -36,8 +36,8 @@ def size(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     return Evidence(
         statistic=float(ratios[worst]),
         p=bonferroni(p_of_chi2(2.0 * ratios[worst] * counts[worst], 2 * int(counts[worst])), len(bands)),
-        sentence=f"the error of {name} is {np.sqrt(total):.3g} times the noise (from {low:g} to {high:g} Hz "
-        f"{np.sqrt(ratios[worst]):.3g} times the noise there)",
+        sentence=f"the error of {name} is {np.sqrt(total):.3g} times the noise "
+        f"({np.sqrt(ratios[worst]):.3g} times from {low:g} to {high:g} Hz)",
         points_to="any cause",
         draw=lambda: Figure(
             kind="bars",
