@@ -59,7 +59,7 @@ class Recorder:
 
     ``receive`` may be called from one thread and ``event`` from another.  ``limit`` is the largest number of samples
     of the record; later samples are counted but not kept, and the record has their number.  ``start_ns`` is the time
-    0 s of the record; without it, the first sample or event.  If ``in_background`` is false, ``receive`` itself writes
+    0 s of the record; without it, the first sample or event. If ``in_background`` is false, ``receive`` itself writes
     each batch: this is for virtual time, in which a slow disk delays no tick.
 
     Raises ``RecordError`` if the directory already holds an unfinished stream, if a name is taken twice, or

@@ -1,4 +1,4 @@
-"""Compile the model in advance, in two processes: python -m tools.compile_model.  Otherwise each function is compiled
+"""Compile the model in advance, in two processes: python -m tools.compile_model. Otherwise each function is compiled
 at its first use. This would delay the first rig, the first diagnosis and each process of the tests.
 """
 

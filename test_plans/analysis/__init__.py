@@ -215,7 +215,7 @@ def dynamic_stiffness(
 
 
 def without_drift(motion: Samples, force: Samples) -> Samples:
-    """Return the ``force`` of a closed loop without its linear drift.  At the start and at the end of the loop, the
+    """Return the ``force`` of a closed loop without its linear drift. At the start and at the end of the loop, the
     position and the friction are the same. So the difference of the forces is drift.
     """
     edge = TURNING * (motion.max() - motion.min())

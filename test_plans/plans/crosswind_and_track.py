@@ -364,7 +364,7 @@ class Seen:
         return Stiffness(force / moved, self.frequency, abs(moved))
 
     def windy(self, rig: Rig, values: Values) -> float:
-        """Return the ratio of the shears by wind and by track, as medians of their absolute values over time.  A single
+        """Return the ratio of the shears by wind and by track, as medians of their absolute values over time. A single
         gust is short and changes a median little. Steady drift, for example creep, is excluded.
         """
         turn = tau * self.frequency * self.at[self.shaken]

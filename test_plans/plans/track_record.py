@@ -133,7 +133,7 @@ def _look_at_the_track(run: Run) -> ConditionResult:
 
 
 def _reaches_the_stop(run: Run, record: TrackRecord) -> str:
-    """Return a text if the bolster can reach its bump stop on the softest springs within the limits; "" otherwise.  It
+    """Return a text if the bolster can reach its bump stop on the softest springs within the limits; "" otherwise. It
     is "" also if limits in the specimen's file or dimensions of the rig are missing.
     """
     speed, duration, wind = (float(run.values[name]) for name in ("speed", "duration", "wind"))

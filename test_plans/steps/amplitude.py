@@ -1,4 +1,4 @@
-"""Amplitude control: a motion is repeated with a corrected command until it has the target amplitude.  The command is
+"""Amplitude control: a motion is repeated with a corrected command until it has the target amplitude. The command is
 multiplied by the ratio target to reached amplitude: a number for a wave, the inverse of the measured transfer function
 for a track. One repetition is exact for a linear axis, whose gain at a frequency does not depend on the amplitude.
 """

@@ -192,7 +192,7 @@ def _spacing_contradicted(
     run: Run, one: Mapping[str, float], other: Mapping[str, float], stiffness: float
 ) -> str:
     """Return a text if the spacing of the springs differs from the stated one: K_roll = (k_l + k_r) b² for intact
-    springs.  Air flow between the springs also reduces K_roll, but then their pressures hardly change.
+    springs. Air flow between the springs also reduces K_roll, but then their pressures hardly change.
     """
     judged = {check.name: check for check in run.checks if check.verdict is CheckVerdict.PASS}
     names = [name.of(side=side) for name in (VERTICAL_SECANT["slow"], LOAD, PRESSURE) for side in SIDES]

@@ -316,7 +316,7 @@ class CanTransport(Transport):
 
     def _sampled(self, message: Message, time: int) -> int:
         """Return the sampling time of a message received at ``time``. A rig samples all signals together, then sends
-        their frames.  If the first message of a burst is known, a long burst is not split in two.
+        their frames. If the first message of a burst is known, a long burst is not split in two.
         """
         if 0 <= time - self._burst_began < self._burst and message.name != self._keys.burst_begins:
             return self._burst_began

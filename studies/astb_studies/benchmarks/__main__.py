@@ -34,7 +34,7 @@ NAMES: Final = (
 @click.argument("names", nargs=-1, type=click.Choice(NAMES))
 @click.option("--quick", is_flag=True, help="A look in a minute: fewer repetitions, 10 s of lateness.")
 def main(names: tuple[str, ...], quick: bool) -> None:
-    """Run all benchmarks, or the named ones.  Results are written to runs/benchmarks.json and, except for quick runs,
+    """Run all benchmarks, or the named ones. Results are written to runs/benchmarks.json and, except for quick runs,
     to studies/docs/benchmarks.md.
     """
     console = Console() if sys.stdout.isatty() else Console(width=170)

@@ -82,7 +82,7 @@ def compare(
 
 
 def interleaved(repetitions: int, subjects: Mapping[str, Callable[[], float]]) -> dict[str, list[float]]:
-    """Measure all subjects in turn, ``repetitions`` times, with alternating order, after one warm-up.  Therefore a
+    """Measure all subjects in turn, ``repetitions`` times, with alternating order, after one warm-up. Therefore a
     temporary slowdown of the machine affects all subjects equally.
     """
     found: dict[str, list[float]] = {name: [] for name in subjects}

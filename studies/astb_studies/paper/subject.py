@@ -89,7 +89,7 @@ _Experiment = TypeVar("_Experiment", bound=Callable[..., Any])
 
 
 def remembered(experiment: _Experiment) -> _Experiment:
-    """Cache the results of an experiment by subject and arguments, because several checks use them.  Positional,
+    """Cache the results of an experiment by subject and arguments, because several checks use them. Positional,
     keyword and default arguments with equal values are equal.
     """
     parameters = signature(experiment)

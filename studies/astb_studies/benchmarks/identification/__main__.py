@@ -105,7 +105,7 @@ def report(lines: list[dict[str, Any]]) -> None:
 
 
 def coverage(pairs: list[dict[str, Any]]) -> tuple[float, float]:
-    """Return the fraction of intervals that contain the true value, and the half width of its 95 % interval.  Errors of
+    """Return the fraction of intervals that contain the true value, and the half width of its 95 % interval. Errors of
     one pair of springs are correlated, so the pairs are the sample.
     """
     held = [

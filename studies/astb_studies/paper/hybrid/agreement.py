@@ -207,7 +207,7 @@ def of_the_springs(
 
 
 def scatter(both: Sequence[RideResult], amounts: Amounts, times: tuple[float, float]) -> dict[str, float]:
-    """Return, by check, the standard uncertainty of the difference between two rides, from its variation over time.  It
+    """Return, by check, the standard uncertainty of the difference between two rides, from its variation over time. It
     is s/√n of the differences in `PIECES` pieces.
     """
     edges = np.linspace(*times, PIECES + 1)
