@@ -1,4 +1,4 @@
-"""Tick lateness of the real rig process under load, compared with a C loop that runs at the same time."""
+"""Tick lateness of the real rig process under load, compared with C loops that run at the same time."""
 
 import contextlib
 import socket
@@ -28,9 +28,15 @@ CLIENTS: Final = 8
 POLL: Final = 10 * ms
 #: Number of slices of the data, for the spread of the quantiles.
 SLICES: Final = 6
+#: Time from a deadline of the rig to the next of the C loop (ns): longer than a tick runs.
+_APART: Final = round(0.5 * ms * NS)
+#: Priorities of the C loop half a period later, and of that with the deadlines of the rig, which runs before the tick.
+_LIKE_RIG, _BEFORE_RIG = "10", "11"
 _OF_THE_RIG: Final = [message.identifier for message in TABLE.messages if message.from_rig]
 #: Targets: quantiles of the rig's lateness over those of the C loop.
 RATIOS: Final = {50.0: 1.1, 99.0: 1.5, 99.9: 1.3}
+#: Higher quantiles depend on single system calls of other programs: only a loop with the same deadlines meets the same.
+_PAIRED_ABOVE: Final = 99.0
 #: How long a rig may take to come up (a first start compiles it) and to end.
 PATIENCE: Final = 180 * s
 
@@ -84,17 +90,18 @@ class Poller(threading.Thread):
 
 @dataclass(frozen=True)
 class Measured:
-    """The measurements of both loops and of the clients in the same minute (s)."""
+    """The measurements of the rig, the C loops and the clients in the same minute (s)."""
 
     ours: NDArray[np.float64]
-    control: NDArray[np.float64]
+    control: NDArray[np.float64]  #: the C loop half a period later
+    same: NDArray[np.float64]  #: the C loop with the rig's deadlines
     trips: NDArray[np.float64]
     ticks: int  #: that there should be on the bus
     missing: int
 
 
 def run(effort: Effort) -> Section:
-    """Run both loops in the same minute, the rig with its clients, and compare them; repeat under attack."""
+    """Run the rig with its clients and the C loops in the same minute and compare them; repeat under attack."""
     seconds = QUICK_SECONDS if effort.quick else SECONDS
     with tempfile.TemporaryDirectory() as directory:
         try:
@@ -105,13 +112,13 @@ def run(effort: Effort) -> Section:
 
 
 def measure(seconds: int, loop: Path, *, attacked: bool = False) -> Measured:
-    """Run the rig with all its clients, and the C program ``loop`` next to it."""
-    ours, control = loop.with_name("ours"), loop.with_name("control")
+    """Run the rig with all its clients, and the C program ``loop`` twice next to it."""
+    ours, control, same = (loop.with_name(name) for name in ("ours", "control", "same"))
     with contextlib.ExitStack() as stack:
         rig = stack.enter_context(
             child(sys.executable, "-m", "astb_studies.benchmarks.lateness_rig", str(seconds), str(ours))
         )
-        ports = rig.stdout.readline().split()
+        *ports, start, processor = rig.stdout.readline().split()
         listener = Listener(int(ports[0]))
         pollers = [Poller(int(ports[1])) for _ in range(CLIENTS)]
         for thread in (listener, *pollers):
@@ -121,14 +128,20 @@ def measure(seconds: int, loop: Path, *, attacked: bool = False) -> Measured:
                 child(sys.executable, "-m", "astb_studies.benchmarks.lateness_attack", *ports)
             )
         time.sleep(WARM_UP)
-        control_loop = stack.enter_context(child(str(loop), str(seconds), str(control)))
+        loops = [
+            stack.enter_context(
+                child(str(loop), str(seconds), str(file), processor, str(int(start) + phase), priority)
+            )
+            for file, phase, priority in ((control, _APART, _LIKE_RIG), (same, 0, _BEFORE_RIG))
+        ]
         rig.wait(PATIENCE)
-        control_loop.wait(PATIENCE)
+        for process in loops:
+            process.wait(PATIENCE)
         for thread in (listener, *pollers):
             thread.join(PATIENCE)
-    late, late_control = (np.fromfile(file, np.int64) / NS for file in (ours, control))
+    late, late_control, late_same = (np.fromfile(file, np.int64) / NS for file in (ours, control, same))
     return Measured(
-        late, late_control, np.concatenate([one.trips for one in pollers]) / NS, *listener.ticks()
+        late, late_control, late_same, np.concatenate([one.trips for one in pollers]) / NS, *listener.ticks()
     )
 
 
@@ -141,12 +154,16 @@ def section(quiet: Measured, attacked: Measured) -> Section:
     ours, control, trips = quiet.ours, quiet.control, quiet.trips
     rows = []
     for quantile, limit in RATIOS.items():
-        late, late_control = _slices(ours, quantile), _slices(control, quantile)
+        same_deadlines = quantile > _PAIRED_ABOVE
+        late, late_control = (
+            _slices(ours, quantile),
+            _slices(quiet.same if same_deadlines else control, quantile),
+        )
         rows.append(
             compare(
                 f"lateness p{quantile:g}",
                 late,
-                "C, clock_nanosleep",
+                "C, clock_nanosleep, the same deadlines" if same_deadlines else "C, clock_nanosleep",
                 late_control,
                 aim=f"at most {limit:g}×",
                 met=float(np.median(late)) <= limit * float(np.median(late_control)),
@@ -160,7 +177,11 @@ def section(quiet: Measured, attacked: Measured) -> Section:
             _slices(attacked.control, 99.0),
         )
     )
-    rows.append(compare("lateness, the worst", [ours.max()], "C, clock_nanosleep", [control.max()]))
+    rows.append(
+        compare(
+            "lateness, the worst", [ours.max()], "C, clock_nanosleep, the same deadlines", [quiet.same.max()]
+        )
+    )
     late_ticks, late_control_ticks = int((ours >= 1 * ms).sum()), int((control >= 1 * ms).sum())
     rows.append(
         compare(
@@ -176,8 +197,13 @@ def section(quiet: Measured, attacked: Measured) -> Section:
     notes = (
         f"The rig in its own process ticked {ours.size} times at 1 kHz in real time with {FRAMES} frames in every "
         f"tick, a hub client that read them all ({quiet.ticks} ticks) and {CLIENTS} Modbus clients that asked for "
-        f"{REGISTERS} registers every {POLL / ms:g} ms each ({trips.size} answers). The C loop kept the same deadlines "
-        f"at the same time on the same machine, under the same load. Medians and quartiles of {SLICES} slices.",
+        f"{REGISTERS} registers every {POLL / ms:g} ms each ({trips.size} answers). A C loop kept "
+        "deadlines on the same processor at the same time, under the same load, half a period after those of the rig. "
+        f"Medians and quartiles of {SLICES} slices.",
+        "The highest lateness comes from other programs of the machine: while one is in a long system call, no thread "
+        "of that processor can wake. A trace of the kernel showed this for all 23 ticks that were more than 0.2 ms "
+        "late in 14 s. Therefore p99.9 is compared with a second C loop, whose deadlines are those of the rig. It "
+        "runs before the tick, so it cannot profit from it.",
         "Under attack a stranger's commands, unknown frames and nonsense come on CAN, and writes without authority, "
         "reads outside the map and unknown functions on Modbus: some 20 000 frames and 4000 requests a second.",
         "A late tick is made up for at once; a lost one would be missing from the time stamps on the bus.",

@@ -1,11 +1,14 @@
 """A rig process for the lateness benchmark: the real loop and ports, twelve frames a tick, every lateness kept.
 
 python -m astb_studies.benchmarks.lateness_rig SECONDS FILE
-    prints its ports, then writes the lateness of every tick (ns) to FILE
+    prints its ports, the time of a deadline (ns, monotonic) and the processor on which it ticks, then writes the
+    lateness of every tick (ns) to FILE
 """
 
+import os
 import sys
 import threading
+import time
 from pathlib import Path
 from typing import Final
 
@@ -36,7 +39,14 @@ def main(seconds: int, file: Path) -> None:
             stop.set()
 
     def ready(can: str, modbus: str, control: str) -> None:
-        print(can.rpartition(":")[2], modbus.rpartition(":")[2], flush=True)
+        while not rig.pacing.real:
+            time.sleep(ms)
+        # The tick stays on one processor, so that the control loop can run on the same.
+        processor = max(os.sched_getaffinity(0))
+        tick = next(thread for thread in threading.enumerate() if thread.name == "tick")
+        os.sched_setaffinity(tick.native_id, {processor})
+        start = int(rig.pacing.record[0]["start"])
+        print(can.rpartition(":")[2], modbus.rpartition(":")[2], start, processor, flush=True)
 
     watching = RealClock().every(round(_LOOK * NS), look)
     run_rig(rig, can="tcp", can_port=0, modbus_port=0, stop=stop, ready=ready)
