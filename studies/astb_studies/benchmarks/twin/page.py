@@ -29,7 +29,7 @@ detected by then counts as missed. The delay is the time from the beginning of t
 table compares it with the delay of an optimal test that knows the cause, its size and its beginning. Quartiles are in
 brackets. *Named* is the right cause, alone or with others that explain as much. *Unknown* means that no cause explains
 the deviation. *Wrong* means that only other causes were named. In `leveling` the valves are connected, and the twin
-[does not judge](../../docs/how-to/watch-a-run.md#what-it-does-not-judge).
+[does not judge](../../docs/how-to/watch-a-run.md#what-the-twin-does-not-judge).
 
 **Harder** are two effects, the second one some seconds after the first; an effect that ends some seconds after it
 began; and siblings with an effect.
