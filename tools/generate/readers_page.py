@@ -16,21 +16,24 @@ _HEAD: Final = """\
 
 # File readers: accepted, refused and skipped content
 
-This page lists the forms of files that `astb import` and maps accept or refuse. Each form has a test.
+This page lists which files `astb import` and maps accept or refuse. Each form has a test.
 
-* *read*: all values are read.
-* *left out*: the values are read; this content is skipped, counted and reported.
-* *refused*: nothing is read; the message names the file, the place and a correct form.
+* *Read*: all values are read. Assumptions are printed.
+* *Left out*: this content is skipped and counted. The other values are read.
+* *Refused*: nothing is read. The message has the file, the line, and the way to correct it.
 """
 
 
 class Form(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One variant of a file: ``name`` is the name of its test; ``form`` and ``says`` are texts for the page."""
+    """One variant of a file: ``name`` is the name of its test; ``form`` and ``says`` are texts for the page.
+
+    Without ``form``, the text of another variant includes this one.
+    """
 
     reader: str
     name: str
-    form: str
     outcome: str
+    form: str = ""
     says: str = ""
 
     def __post_init__(self) -> None:
@@ -63,7 +66,9 @@ def readers_page() -> str:
         for reader in dict.fromkeys(one.reader for one in found.forms):
             print(f"### {reader}\n", file=out)
             for outcome in OUTCOMES:
-                forms = [one for one in found.forms if one.reader == reader and one.outcome == outcome]
+                forms = [
+                    one for one in found.forms if one.form and one.reader == reader and one.outcome == outcome
+                ]
                 if forms:
                     print(f"{outcome.capitalize()}:\n", file=out)
                 for one in forms:
