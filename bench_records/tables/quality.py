@@ -76,28 +76,27 @@ CHECKS: Final = {
         Check("declared code", "values that `null` of the column names", LEFT_OUT, STRAIGHT, False),
         Check(
             "undeclared code",
-            f"up to {CODES} different values, in at most {100 * CODE_SHARE:g} % of the samples, that lie {FAR:g} "
-            f"ranges of all others away from these (with few others: {LARGER:g} times as large; beyond {HUGE:g}"
-            " always); or "
-            f"a value that is reached and left by jumps of {JUMP:g} usual steps "
-            f"({JUMP_ONCE:g} if it comes once)",
+            f"up to {CODES} different values in at most {100 * CODE_SHARE:g} % of the samples, at least {FAR:g} times "
+            "the range of all others away from these "
+            f"(with few others: {LARGER:g} times as large; always beyond {HUGE:g}). Or a value that begins and ends "
+            f"with a jump of {JUMP:g} usual steps ({JUMP_ONCE:g} if it comes once)",
             LEFT_OUT,
             STRAIGHT,
             True,
         ),
         Check(
             "saturation",
-            f"the lowest or highest reading is held exactly while other columns move: for {CONSTANT} samples, or "
-            f"{PLATEAUS} times for {PLATEAU}, and the noise that the column has elsewhere is not there",
+            "the lowest or highest reading stays exactly the same, without the noise of the column, while other "
+            f"columns move: for {CONSTANT} samples, or {PLATEAUS} times for {PLATEAU} samples",
             LEFT_OUT,
             KEPT,
             True,
         ),
         Check(
             "stuck",
-            f"another reading is held exactly for {CONSTANT} samples (of a held signal: {CONSTANT} times as long as "
-            "usual) while other columns move, and the noise that the column has elsewhere is not there, or it is left "
-            f"by a jump of {JUMP:g} usual steps",
+            f"another reading stays exactly the same for {CONSTANT} samples (of a held signal: {CONSTANT} times as long "
+            "as usual) while other columns move, without the noise of the column, or it ends with a jump of "
+            f"{JUMP:g} usual steps",
             LEFT_OUT,
             KEPT,
             True,
