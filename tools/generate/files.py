@@ -350,11 +350,11 @@ def effects_page() -> str:
     print(_NOTE.replace("table of signals", "catalogue of effects"), file=out)
     print("# Catalogue of effects\n", file=out)
     print(
-        "These effects can be set on a simulated rig, and a diagnosis can name them. Each quantity has its range\n"
-        "and, in parentheses, the size of a typical fault. This size is assumed if the source does not state it.\n"
-        "The first quantity of an effect is its amplitude. With amplitude 0 the simulation is the same to the last\n"
-        "bit as without the effect. *Separated by* states the test that distinguishes an effect from similar ones.\n"
-        "The files of `bench_sim/model/effects` explain equations and assumptions.\n\n"
+        "You can [set these effects](../how-to/simulate-faults.md#give-the-rig-an-effect) on a simulated rig, and a\n"
+        "diagnosis can name them. Each quantity has its range and, in parentheses, the size of a typical fault. This\n"
+        "size is assumed if there is no source. The first quantity of an effect is its amplitude. Amplitude 0 gives\n"
+        "the same results as no effect. *Test* is the test that distinguishes an effect from similar effects. The\n"
+        "files of `bench_sim/model/effects` explain equations and assumptions.\n\n"
         "Some effects describe the same phenomenon by different laws:\n",
         file=out,
     )
@@ -369,7 +369,7 @@ def effects_page() -> str:
         print(f"## {family.capitalize()}\n", file=out)
         for effect in (one for one in CATALOGUE.values() if one.family == family):
             print(f"### `{effect.name}`\n", file=out)
-            places = f" At {' or '.join(f'`{effect.name}.{place}`' for place in effect.places)}."
+            places = f" At {', '.join(f'`{effect.name}.{place}`' for place in effect.places)}."
             print(f"{_sentence(effect.title)}{places if effect.places else ''}\n", file=out)
             equation, _, symbols = effect.equation.partition("\n")
             print(f"```\n{equation}\n```\n\n{symbols}.\n", file=out)
@@ -380,9 +380,8 @@ def effects_page() -> str:
                 print(f"Special case of {_listed(effect.richer)}.", end=" ", file=out)
             if not effect.diagnosable:
                 print("A replay of a measured motion cannot show it.", end=" ", file=out)
-            print(
-                f"Separated by: {effect.separated_by}. Source: {_assumed_removed(effect.source)}.\n", file=out
-            )
+            source = _assumed_removed(effect.source)
+            print(f"Test: {effect.separated_by}.{f' Source: {source}.' if source else ''}\n", file=out)
     return out.getvalue()
 
 
@@ -394,7 +393,7 @@ def _span_of(one: EffectParameter) -> str:
 
 
 def _assumed_removed(source: str) -> str:
-    return re.sub(r"[;,] (sizes|size|typical) assumed$", "", source)
+    return re.sub(r"([;,] |^)(sizes|size|typical) assumed$", "", source)
 
 
 def _sentence(text: str) -> str:

@@ -71,8 +71,8 @@ FAULTS: Final = (
         "drop",
         FaultPlace.BUS,
         "Frames vanish from the bus.",
-        "Gaps in the sample counters (`LOST`); at 100 % towards the rig HOLD after 100 ms and the safe position after "
-        "500 ms; at 100 % from the rig readings go stale and read as NaN.",
+        "The sample counters have gaps (`LOST`). 100 % towards the rig: HOLD after 100 ms, the safe position after "
+        "500 ms. 100 % from the rig: readings become stale (NaN).",
         _drawn(Dropped),
         (_chance(10), *_WHICH),
     ),
