@@ -94,8 +94,8 @@ CHECKS: Final = {
         ),
         Check(
             "stuck",
-            f"another reading stays exactly the same for {CONSTANT} samples (of a held signal: {CONSTANT} times as long "
-            "as usual) while other columns move, without the noise of the column, or it ends with a jump of "
+            f"another reading stays exactly the same for {CONSTANT} samples (of a held signal: {CONSTANT} times as "
+            "long as usual) while other columns move, without the noise of the column, or it ends with a jump of "
             f"{JUMP:g} usual steps",
             LEFT_OUT,
             KEPT,

@@ -26,8 +26,8 @@ def faults_page() -> str:
     print(
         f"These {len(FAULTS)} faults can be [switched on and off](../how-to/simulate-faults.md) while a simulated rig\n"
         "runs. A fault with a target (a sensor, a side, an actuator) can be on for several targets, with the name\n"
-        "`FAULT.TARGET`. *Seen* is the behaviour that a client observes. Parameters of the table have only their usual\n"
-        "value at each fault.\n",
+        "`FAULT.TARGET`. *Seen* is the behaviour that a client observes. Parameters of the table have only their\n"
+        "usual value at each fault.\n",
         file=out,
     )
     _print_shared(out)
