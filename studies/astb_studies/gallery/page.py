@@ -10,7 +10,7 @@ HEAD: Final = """<!-- Written by `make gallery`; do not edit. -->
 
 # Gallery
 
-Ten pictures of the main functions. `make gallery` draws them again, `make gallery ARGS=rig` one of them.
+Ten pictures of the main functions. `make gallery` draws all pictures, `make gallery ARGS=rig` only the first one.
 """
 TAIL: Final = """## More
 
@@ -18,11 +18,11 @@ Screenshots of the [panel in a browser](how-to/watch-and-command-in-a-browser.md
 run](gallery/panel-held-dark.png), [a question to the operator](gallery/panel-question.png), [after a
 stop](gallery/panel-stopped.png), [without connection](gallery/panel-lost.png).
 
-The same [command](how-to/reproduce-the-paper.md) makes other figures of the [paper](../studies/docs/the-paper.md):
+[The same command](how-to/reproduce-the-paper.md) makes other figures of the [paper](../studies/docs/the-paper.md):
 [areas and volumes](gallery/figure-07.svg), [stiffness over the roll angle](gallery/figure-10.svg), [comfort in the
 crosswind](gallery/comfort.svg). [How the diagnosis works](explanation/how-the-diagnosis-works.md) has more drawings
-(`python -m astb_studies.benchmarks.diagnosis.explanation_drawings`), and its error rates are
-[counted](../studies/docs/diagnosis-benchmark.md). A [notebook](tutorials/bench.ipynb) shows a whole diagnosis.
+(`python -m astb_studies.benchmarks.diagnosis.explanation_drawings`). A
+[notebook](tutorials/bench.ipynb) shows a whole diagnosis.
 """
 
 

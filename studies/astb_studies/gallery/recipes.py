@@ -51,32 +51,31 @@ RECIPES: Final = (
     Recipe(
         "rig.svg",
         "Bench and interfaces",
-        "Two air springs carry a bolster over a moving platform. Measurements and set-points are on CAN, the functions "
-        "of a PLC on Modbus/TCP. Plans use only these interfaces, so the same plan runs on a real rig.",
+        "Two air springs carry a bolster (a cross beam) over a moving platform. CAN transmits measurements and "
+        "set-points, Modbus/TCP connects the PLC. Plans use only these interfaces, so they also run on a real rig.",
         sketch,
     ),
     Recipe(
         "stiffness.svg",
         "Stiffness and loss of a spring",
-        "Loops of force over displacement at three amplitudes; measured K' and K'' over frequency, with their limits. "
-        "K'' has a peak at the frequency at which the air flow through the orifice has the largest loss.",
+        "Loops of force over displacement at three amplitudes; measured stiffness K' and loss K'' over frequency, with "
+        "their limits. At the peak of K'', the air flow through the orifice has the largest loss.",
         stiffness,
         (_run("dynamic_stiffness"),),
     ),
     Recipe(
         "leveling.svg",
         "Leveling from the empty to the full car and back",
-        "The leveling valves fill both springs from the pressure of AW0 to that of AW3 and exhaust them again, at "
-        "constant height. The shaded strips are the times that the specimen file allows.",
+        "The load changes from AW0 (empty car) to AW3 (full car) and back. The leveling valves fill and exhaust both "
+        "springs, at constant height. The shaded strips are the times that the specimen file allows.",
         leveling,
         (_run("leveling"),),
     ),
     Recipe(
         "gust.svg",
         "A gust of side wind, and the differential pressure valve",
-        "Left: a gust pushes and rolls the bolster. The pressures of the springs differ, and the differential pressure "
-        "valve between them stays closed, as required. Right: another plan rolls the bolster until the valve opens and "
-        "closes again.",
+        "Left: a gust pushes and rolls the bolster. The pressures of the springs differ, but the differential pressure "
+        "valve between them stays closed, as required. Right: another plan rolls the bolster until the valve opens.",
         gust,
         (_run("crosswind_gust differential_pressure_valve"),),
     ),
@@ -84,7 +83,7 @@ RECIPES: Final = (
         "figure-08.svg",
         "A figure of the paper, measured on the bench",
         "Lateral stiffness and damping. Points: measurements on the simulated rig with sensor errors. Solid lines: the "
-        "model with parameters that were identified on this rig. Dashed lines: the closed forms of the paper.",
+        "model with parameters that were identified on this rig. Dashed lines: the equations of the paper.",
         _paper,
         (f"astb paper --out {RUNS}/paper",),
     ),
@@ -99,22 +98,22 @@ RECIPES: Final = (
     Recipe(
         "safe.svg",
         "Time to the safe position",
-        "Nine ways to lose the commander, each at the same random instants. Each point is one loss: the time until the "
-        "springs have no air and the actuators no force. The red mark is the limit in the table of states.",
+        "The program that commands the rig is lost in nine ways, each at the same random instants. Each point is the "
+        "time until the springs have no air and the actuators no force. The red mark is the limit.",
         time_to_safe,
     ),
     Recipe(
         "matrix.svg",
         "Faults that the plans detect",
-        "Realistic faults, each alone on a simulated rig, under all plans. Blue: detected by the intended check. "
-        "Grey: missed; the darker, the nearer to a limit. Empty: not tried.",
+        "Realistic faults, each alone on a simulated rig, under all plans. Blue: the intended check detects the fault. "
+        "Grey: not detected (darker: nearer to a limit). Empty: not tried.",
         matrix,
     ),
     Recipe(
         "found.svg",
         "A hidden leak",
-        "The model without a leak does not fit the pressure of a leaking bellows. The diagnosis finds the leak. "
-        "With it, the model fits within the noise.",
+        "A model without a leak does not fit the pressure of a leaking bellows. The diagnosis finds the leak. The "
+        "model with the leak fits within the noise.",
         before_and_after,
         (
             f"astb run large_sines --virtual --seed 7 --effect leak.left=0.2mm2 --out {RUNS}",
