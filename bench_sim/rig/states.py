@@ -27,13 +27,13 @@ class Event(StrEnum):
     COMMAND_LOST = "no valid command for 500 ms"
     DISCONNECTED = "the commander's connection closed"
     HEARTBEAT_LOST = "the commander's heartbeat stopped"
-    NEW_HOLDER = "somebody else took the bench"
+    NEW_HOLDER = "another client took the lease"
     TRIP_PROGRAM_HOLD = "a limit with the action program hold tripped"
     TRIP_PROGRAM_STOP = "a limit with the action program stop tripped"
     TRIP_INTERLOCK = "a limit with the action interlock tripped"
     TRIP_POWER_OFF = "a limit with the action power off tripped"
     TICK_LOST = "a tick was lost under the policy fault"
-    SPRING_LOST = "what computes the springs has failed"
+    SPRING_LOST = "the computation of the springs failed"
     REACTED_HOLD = "reaction finished, holding"
     REACTED_DISABLE = "reaction finished, to the safe position"
     ESTOP = "emergency stop pressed"
@@ -53,7 +53,7 @@ class Transition:
 _S, _E = BenchState, Event
 COMMAND_VALID: Final = "valid commands arrive"
 ESTOP_RELEASED: Final = "emergency stop released"
-MAINS: Final = "the mains are there"
+MAINS: Final = "the mains power is on"
 
 #: States in which the actuators hold or follow their commands.
 ENGAGED: Final = (_S.HOLD, _S.ACTIVE)

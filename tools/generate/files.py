@@ -250,7 +250,7 @@ def states_page() -> str:
     print(_NOTE.replace("signals", "states"), file=out)
     print("# States of the bench\n", file=out)
     print(
-        "The rig refuses an event that has no row for its state, and nothing changes.\n",
+        "The table lists the events that change the state. In any other state, the rig refuses the event.\n",
         file=out,
     )
     print("```mermaid\nstateDiagram-v2\n    [*] --> OFF", file=out)

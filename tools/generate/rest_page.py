@@ -63,7 +63,7 @@ def rest_page(decision: str) -> str:
     for (event, target), vented in ends.items():
         bench, back = ("safe", "all") if vented else ("held", "all but the valves between chambers")
         lines.append(f"| {event.value} | {target} | {bench} | {back} |")
-    lines += ["", f"A reaction, which takes one tick, begins by: {'; '.join(faults)}.", _SETTINGS]
+    lines += ["", f"These events start a reaction, which takes one tick: {'; '.join(faults)}.", _SETTINGS]
     lines.append("| `car.…` | 0 | held |")
     for signal in TABLE.of_kind(Kind.SETTING):
         if signal.name.startswith("car."):
