@@ -168,7 +168,7 @@ PAIRED: Final = 4
 SUBSTITUTE: Final = 0.1
 #: A rival must gain this part of the BIC that the accepted effect gains.
 COMPARABLE: Final = 0.5
-#: Finite amplitudes, in expected ones, for the simulation of effects with low scores: second_look.py.
+#: Finite amplitudes, in expected ones, for the simulation of effects with low scores: finite_sizes.py.
 SIZES: Final = (0.2, 1.0, 5.0)
 #: Number of the most promising candidates there that are fitted.
 FINITE_FITS: Final = 3
@@ -282,7 +282,7 @@ IDENTIFIED: Final = 0.5
 #: False-alarm probability of the scores of an identification, as in a diagnosis.
 IDENTIFIED_ALPHA: Final = 0.003
 
-# -- the contract of a simulator: contract_check.py, simulation.py, belief.py ------------------------------------------
+# -- the contract of a simulator: contract_check.py, simulation.py, prior_conflict.py ---------------------------------
 
 #: Largest number of samples that are simulated.
 CHECKED_SAMPLES: Final = 1000

@@ -8,14 +8,14 @@ that start with their theory of operation. All levels and limits are in `config.
     3  noise              noise_estimate.py, noise.py, whitening.py
     4  footprint, score   footprints.py, screening.py
     5  threshold          threshold.py
-    6  fit and gates      search.py: trials.py, gates.py, family.py, admission.py, rivals.py, second_look.py (causes
-                          that act only now and then), backward.py
-    7  unknown terms      omnibus.py, unknown.py, doubt.py
-    8  verdict            verdict.py, constancy.py, belief.py, undecided.py (rivals that unseen runs allow);
-                          substitutes.py (steps 6 to 8 without effects that displaced a better cause);
-                          laws.py (laws of one phenomenon that these runs do not distinguish);
+    6  fit and gates      search.py: trials.py, gates.py, family.py, admission.py, rivals.py, finite_sizes.py (causes
+                          that act only at times), backward.py
+    7  unknown terms      omnibus.py, unknown.py, cause_removal.py
+    8  verdict            verdict.py, constancy.py, prior_conflict.py, rivals_unseen.py (rivals that unseen runs allow);
+                          displaced.py (steps 6 to 8 without effects that displaced a better cause);
+                          equivalence_classes.py (laws of one phenomenon that these runs do not distinguish);
                           then confusability.py (detection limits) and next_run.py (runs that would decide)
-    9  gain               before.py, gain.py, remainder.py; model_error.py and intervals.py (intervals);
+    9  gain               best_base.py, gain.py, remainder.py; model_error.py and intervals.py (intervals);
                           goodness.py (each channel against its noise: it may contradict *no effect*)
 
 `diagnose` takes them in this order, except for the first. The panel of step 1 tests the residual of the base model in
@@ -41,11 +41,11 @@ from diagnosis.contracts import (
     Simulator,
 )
 from diagnosis.engine.base_model import without_effects
-from diagnosis.engine.before import best_before, noise_ratio
-from diagnosis.engine.belief import contradicted, imitations
-from diagnosis.engine.checked import confirmed, predicted_checks
+from diagnosis.engine.best_base import best_before, noise_ratio
 from diagnosis.engine.config import NOISE_RATIO_SHOWN, PANEL_FDR, Config
 from diagnosis.engine.confusability import Company, confusability, unseen
+from diagnosis.engine.displaced import without_substitutes
+from diagnosis.engine.equivalence_classes import indistinguishable_laws
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.predict import Prediction, predict
 from diagnosis.engine.fitting.replay import Replay
@@ -53,21 +53,21 @@ from diagnosis.engine.gain import Comparison, compare, models, shifts
 from diagnosis.engine.gates import not_above
 from diagnosis.engine.goodness import Misfit, as_sentence, humming, misfits
 from diagnosis.engine.intervals import intervals
-from diagnosis.engine.laws import indistinguishable_laws
 from diagnosis.engine.memory import give_back, share_heap
 from diagnosis.engine.model_error import widened
 from diagnosis.engine.next_run import rank, sensors
+from diagnosis.engine.predicted_checks import confirmed, predicted_checks
 from diagnosis.engine.prediction_share import residual_bound
+from diagnosis.engine.prior_conflict import contradicted, imitations
 from diagnosis.engine.remainder import Remainder, held_back, least_left, remainder
 from diagnosis.engine.residual.panel import panel
+from diagnosis.engine.rivals_unseen import Undecided, undecided
 from diagnosis.engine.runs import measured_channels, split
 from diagnosis.engine.search import Progress, search
 from diagnosis.engine.search_state import Problem, SearchResult
-from diagnosis.engine.substitutes import without_substitutes
 from diagnosis.engine.summary import ROLES, Conclusions, further, summarised
 from diagnosis.engine.suspects import suspects
 from diagnosis.engine.threads import algebra_on_one_core, aside
-from diagnosis.engine.undecided import Undecided, undecided
 from diagnosis.engine.verdict import Judgement, final, judge, without_surfaces
 from diagnosis.engine.wording import cause, laws, rivals, scores
 from diagnosis.finding import (

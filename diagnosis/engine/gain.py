@@ -2,7 +2,7 @@
 
 Theory of operation
 -------------------
-All parameters of both models are fitted (base model: `before.py`). Both predict the report runs with the parameters
+All parameters of both models are fitted (base model: `best_base.py`). Both predict the report runs with the parameters
 from the fit runs; only parameters of a single run (an initial pressure) are fitted again. The gain is the removed part
 of the explainable error, (RMSE0² − RMSE1²)/(RMSE0² − floor²), because no model can explain noise. Its interval is from
 a bootstrap of runs, or of blocks if there are few runs.

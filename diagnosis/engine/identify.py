@@ -21,7 +21,6 @@ import numpy as np
 
 from diagnosis.contracts import Array, Dataset, Experiment, MeasuredRun, Parameter, Simulator
 from diagnosis.engine.base_model import fit_base_model
-from diagnosis.engine.belief import contradicted
 from diagnosis.engine.config import IDENTIFIED, IDENTIFIED_ALPHA, LEAST_REPEATS, UNKEPT_SURFACE_P
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.linear import Prior, prior_of
@@ -33,6 +32,7 @@ from diagnosis.engine.footprints import footprints, with_surfaces
 from diagnosis.engine.memory import share_heap
 from diagnosis.engine.model_error import widened
 from diagnosis.engine.noise import Noise, white
+from diagnosis.engine.prior_conflict import contradicted
 from diagnosis.engine.runs import measured_channels
 from diagnosis.engine.screening import ScreenedModel, fit_and_screen
 from diagnosis.engine.simulation import completed

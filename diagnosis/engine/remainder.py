@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from diagnosis.contracts import Array, Dataset, MeasuredRun, Role
-from diagnosis.engine.before import noise_ratio
+from diagnosis.engine.best_base import noise_ratio
 from diagnosis.engine.config import EXPLAINABLE, FLOOR_SLACK, RELATIVE, REMAINDER_RATIO
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.predict import Prediction, predict

@@ -4,8 +4,8 @@ Theory of operation
 -------------------
 The first effect was the best one alone. Together with a second cause, or under the noise estimated with it, another may
 be better. So after each entry the alternatives of every accepted effect are fitted in its place: effects that explained
-a large part when it entered, other laws of the same phenomenon (`laws.py`), and effects that it replaced. The best swap
-that lowers the BIC is made, and the pass begins again under the noise of the new model.
+a large part when it entered, other laws of the same phenomenon (`equivalence_classes.py`), and effects that it
+replaced. The best swap that lowers the BIC is made, and the pass begins again under the noise of the new model.
 
 Under another noise a removed effect may look better again. Then the two sets of effects are compared, each under its
 own noise, by the likelihood of the measured samples with all constants (`_criterion`), because χ² alone cannot compare
@@ -21,8 +21,8 @@ import math
 from dataclasses import replace
 
 from diagnosis.engine.config import RIVALS
+from diagnosis.engine.equivalence_classes import alike_laws
 from diagnosis.engine.fitting.fit import FittedModel
-from diagnosis.engine.laws import alike_laws
 from diagnosis.engine.search_state import Problem, SearchState, Trial
 from diagnosis.engine.trials import current_model, fit_physical
 

@@ -8,7 +8,7 @@ is steps 3 to 6 of the method:
 1. `trials.current_model`: noise, fit, footprints and scores around the effects accepted so far (steps 2 to 5); 2.
 `trials.fit_trials`: effects above the threshold are fitted and judged by the gates (`gates.py`); 3. `admission.choose`,
 `choose_sufficient`, `admit`: one trial enters, or two together, or none. If none enters and the residual
-is far above the noise, `second_look.look_again` fits causes that act only temporarily, which enter in the same way;
+is far above the noise, `try_finite_sizes` fits causes that act only temporarily, which enter in the same way;
 otherwise the search ends; 4. `rivals.swap`: rivals are tested in place of each accepted effect.
 
 At the end `backward.weigh` removes superfluous effects. At most ``Config.max_effects`` enter. The result depends on the
@@ -28,10 +28,10 @@ from diagnosis.engine.admission import (
 )
 from diagnosis.engine.backward import weigh
 from diagnosis.engine.base_model import fit_base_model
+from diagnosis.engine.finite_sizes import far_above_noise, plainly, try_finite_sizes
 from diagnosis.engine.gates import noise_floors
 from diagnosis.engine.rivals import swap
 from diagnosis.engine.search_state import Problem, SearchResult, SearchState, Trial
-from diagnosis.engine.second_look import far_above_noise, look_again, plainly
 from diagnosis.engine.trials import current_model, fit_trials
 
 Progress = Callable[[str, float], None]
@@ -60,7 +60,7 @@ def search(problem: Problem, progress: Progress = lambda _text, _part: None) -> 
         if chosen is None and done < 1.0 and far_above_noise(state):
             progress("looking for causes that act only in parts of the runs", 0.1 + 0.8 * done)
             plain = plainly(problem, state)
-            trials = look_again(problem, plain, trials)
+            trials = try_finite_sizes(problem, plain, trials)
             state = state.with_further(trials)
             chosen = choose(problem, plain, trials)
             if chosen:

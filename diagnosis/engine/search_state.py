@@ -91,7 +91,7 @@ class SearchState:
     left: Mapping[str, str] = field(default_factory=dict)
     #: Effects in the model when they left it.
     beside: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    #: Effects that entered by a second look, from finite amplitudes.
+    #: Effects that entered by the test at finite sizes.
     finite: frozenset[str] = frozenset()
 
     def after(self, trials: tuple[Trial, ...]) -> SearchState:

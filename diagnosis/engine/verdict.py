@@ -5,13 +5,13 @@ Theory of operation
 The search has named causes. The simulator's surfaces now represent everything that the catalogue lacks. The noise is
 estimated once more without the part that they explain. The surfaces are tested (`omnibus.py`) on the fit runs and the
 select runs together, because an unknown term is often clearest on runs that were not fitted. Causes that the clearest
-surface makes superfluous leave the model (`doubt.py`), and so do those outside of their range in the last fit, those
-with 0 in their interval, and those that may only compensate an error of the equations (`constancy.py`). Such a cause
-helps little on runs that it was not fitted to. A cause that removes most of the error of the select runs, as fitted, is
-therefore kept, however rough its own equation. The remaining causes pass all gates again (`backward.py`), and the test
-is repeated without the removed ones. Then the surface is fitted. If a removed cause may compensate such an error, and
-no surface was clear together with it, then a surface that appears in its absence is not reported, because a known cause
-explains the same error.
+surface makes superfluous leave the model (`cause_removal.py`), and so do those outside of their range in the last fit,
+those with 0 in their interval, and those that may only compensate an error of the equations (`constancy.py`). Such a
+cause helps little on runs that it was not fitted to. A cause that removes most of the error of the select runs, as
+fitted, is therefore kept, however rough its own equation. The remaining causes pass all gates again (`backward.py`),
+and the test is repeated without the removed ones. Then the surface is fitted. If a removed cause may compensate such an
+error, and no surface was clear together with it, then a surface that appears in its absence is not reported, because a
+known cause explains the same error.
 
 The verdict follows from the remaining causes and scores, and no cause is forced:
 
@@ -23,7 +23,7 @@ The verdict follows from the remaining causes and scores, and no cause is forced
 
 The residual on unseen runs may still change the verdict (`final`, from `remainder.py`). `no effect` and a plain `named`
 require that the residual reaches the noise. A cause that leaves most of the error in every channel is not named at all.
-Between these limits, the unseen runs select among rivals (`undecided.py`).
+Between these limits, the unseen runs select among rivals (`rivals_unseen.py`).
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from typing import Final
 
 from diagnosis.contracts import MeasuredRun
 from diagnosis.engine.backward import dismissed, weigh
+from diagnosis.engine.cause_removal import doubtful, no_clearer, vague
 from diagnosis.engine.config import REMAINDER, REPORTED_FIT_STEPS, UNKEPT_SURFACE_P, Config
 from diagnosis.engine.constancy import owed_to_form
-from diagnosis.engine.doubt import doubtful, no_clearer, vague
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import Footprints, footprints, joined, with_surfaces

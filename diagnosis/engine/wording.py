@@ -12,9 +12,9 @@ from diagnosis.engine.fitting.point import Point, effect_coordinates
 from diagnosis.engine.intervals import intervals
 from diagnosis.engine.model_error import widened
 from diagnosis.engine.remainder import Remainder
+from diagnosis.engine.rivals_unseen import Undecided
 from diagnosis.engine.screening import Screening
 from diagnosis.engine.search_state import Accepted, SearchResult, Trial
-from diagnosis.engine.undecided import Undecided
 from diagnosis.estimates import estimate, in_words, number
 from diagnosis.finding import NAMED, SUSPECTED, Cause, Estimate, Rival, Score
 

@@ -63,8 +63,8 @@ class Mixed(CompleteSimulator):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_small_cause_is_found_with_a_large_one(seed, monkeypatch):
-    # Here a second look finds the leak, too.
-    monkeypatch.setattr("diagnosis.engine.search.look_again", lambda *_: ())
+    # Here the test at finite sizes finds the leak, too.
+    monkeypatch.setattr("diagnosis.engine.search.try_finite_sizes", lambda *_: ())
     simulator, rng = Mixed(), np.random.default_rng(seed)
     runs = []
     for number, role in enumerate(("fit", "select", "report")):

@@ -9,7 +9,7 @@ import msgspec
 from astb_studies.benchmarks.diagnosis.ground_truth import GroundTruth
 from astb_studies.benchmarks.diagnosis.next_of_kin import kin
 from diagnosis.contracts import Simulator
-from diagnosis.engine.laws import alike_laws
+from diagnosis.engine.equivalence_classes import alike_laws
 from diagnosis.estimates import Z95
 from diagnosis.finding import Estimate, Finding, Verdict
 

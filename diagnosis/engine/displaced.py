@@ -30,7 +30,7 @@ from typing import Final
 from diagnosis.contracts import Array, MeasuredRun
 from diagnosis.engine.backward import weigh
 from diagnosis.engine.base_model import without_effects
-from diagnosis.engine.before import noise_ratio
+from diagnosis.engine.best_base import noise_ratio
 from diagnosis.engine.config import PREDICTS_AS_WELL
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.point import effect_coordinates

@@ -1,4 +1,4 @@
-"""Step 6, a second look: test temporary causes at finite sizes if the residual is far above the noise.
+"""Step 6, finite sizes: simulate temporary causes at finite sizes if the residual is far above the noise.
 
 Theory of operation
 -------------------
@@ -35,7 +35,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from diagnosis.contracts import DiagnosisError, Hypothesis
-from diagnosis.engine.before import noise_ratio, plain_noise
+from diagnosis.engine.best_base import noise_ratio, plain_noise
 from diagnosis.engine.columns import squares
 from diagnosis.engine.config import (
     FINITE_FITS,
@@ -70,7 +70,7 @@ class _Start(NamedTuple):
 
 
 def far_above_noise(state: SearchState) -> bool:
-    """Return whether the error of the current model is large enough for a second look."""
+    """Return whether the error of the current model is large enough for a test at finite sizes."""
     return noise_ratio(of_fit(state.current.model), state.floors) > REMAINDER_RATIO
 
 
@@ -82,7 +82,7 @@ def plainly(problem: Problem, state: SearchState) -> SearchState:
     return replace(state, current=current)
 
 
-def look_again(problem: Problem, state: SearchState, known: Sequence[Trial]) -> tuple[Trial, ...]:
+def try_finite_sizes(problem: Problem, state: SearchState, known: Sequence[Trial]) -> tuple[Trial, ...]:
     """Fit candidates from finite amplitudes together with a model from `plainly`; best BIC first.
 
     Candidates with ``known`` trials have failed a gate before, so their limits are stricter.

@@ -9,13 +9,13 @@ from rich.console import Console
 
 from astb.diagnose import show
 from astb_studies.oscillator import OSCILLATOR_EFFECTS, Oscillator
-from diagnosis.engine.belief import contradicted
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.engine.fitting.fit import fit
 from diagnosis.engine.fitting.point import base_point
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.noise import white
+from diagnosis.engine.prior_conflict import contradicted
 from diagnosis.finding import Finding
 from diagnosis.report.page import render
 

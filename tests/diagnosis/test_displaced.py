@@ -8,11 +8,11 @@ import pytest
 from diagnosis.engine.backward import dismissed, weigh
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
+from diagnosis.engine.displaced import without_substitutes
 from diagnosis.engine.fitting.point import effect_coordinates
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.search import search
 from diagnosis.engine.search_state import Problem
-from diagnosis.engine.substitutes import without_substitutes
 from diagnosis.engine.trials import current_model
 from diagnosis.engine.verdict import judge
 

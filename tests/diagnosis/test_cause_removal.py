@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from astb_studies.oscillator import REACH, SURFACE_SHAPE, coefficients_of
+from diagnosis.engine.cause_removal import no_clearer, vague
 from diagnosis.engine.config import CLEAR_OF_FORM, Config
 from diagnosis.engine.diagnose import diagnose
-from diagnosis.engine.doubt import no_clearer, vague
 from diagnosis.engine.fitting.fit import fit
 from diagnosis.engine.fitting.point import base_point, effect_coordinates
 from diagnosis.engine.fitting.replay import Replay

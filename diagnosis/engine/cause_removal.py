@@ -1,4 +1,4 @@
-"""Step 7, doubt: find named causes that a surface without a name makes superfluous.
+"""Step 7, removal of causes: find named causes that a surface without a name makes superfluous.
 
 Theory of operation
 -------------------
@@ -28,8 +28,8 @@ One more question applies to each name that stays: can its amplitude be 0 if the
 surfaces show? The interval of the amplitude includes such an error (`model_error.py`). If it includes 0, the effect is
 `vague`. There are two tests: by the standard deviation, and by λ², the increase of χ² at amplitude 0, compared with the
 increase at the end of an equally wide interval. The latter does not apply to a cause that removes most of the error of
-the select runs, because its amplitude is clearly not 0. The former does not apply to causes of a second look and to
-causes that saturate. For example, the harder a stop is, the less its stiffness matters, so the curvature at the fit
+the select runs, because its amplitude is clearly not 0. The former does not apply to causes found at finite sizes and
+to causes that saturate. For example, the harder a stop is, the less its stiffness matters, so the curvature at the fit
 gives no information about 0.
 """
 

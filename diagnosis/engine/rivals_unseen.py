@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from diagnosis.contracts import Array, Hypothesis
-from diagnosis.engine.before import noise_ratio
+from diagnosis.engine.best_base import noise_ratio
 from diagnosis.engine.config import NO_GAIN, PREDICTS_AS_WELL
 from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.predict import Prediction, predict

@@ -10,7 +10,7 @@ from astb_studies.oscillator import Oscillator
 from bench_sim.model.effects import CATALOGUE
 from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
-from diagnosis.engine.laws import alike_laws
+from diagnosis.engine.equivalence_classes import alike_laws
 from diagnosis.finding import Finding
 from diagnosis.systems.chamber_effects import chamber_effects
 from diagnosis.systems.piston_effects import PISTON_EFFECTS

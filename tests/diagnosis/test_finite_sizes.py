@@ -69,7 +69,7 @@ def test_no_second_search_at_the_noise_level(laboratory, oscillator, monkeypatch
     def never(*_):
         raise AssertionError
 
-    monkeypatch.setattr(searching, "look_again", never)
+    monkeypatch.setattr(searching, "try_finite_sizes", never)
     finding = diagnose(lab.measure(11, hidden), lab.simulator, ONE)
     assert [cause.effect for cause in finding.causes] == list(hidden)
 

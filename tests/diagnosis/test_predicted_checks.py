@@ -10,11 +10,11 @@ from bench_protocol.units import Hz, mm
 from bench_sim.model.effects import CATALOGUE
 from bench_sim.rig.rig import Rig
 from diagnosis.contracts import DiagnosisError
-from diagnosis.engine.checked import confirmed, gained, predicted_checks
 from diagnosis.engine.fitting.fit import fit
 from diagnosis.engine.fitting.point import base_point, effect_coordinates
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.noise import white
+from diagnosis.engine.predicted_checks import confirmed, gained, predicted_checks
 from diagnosis.finding import NAMED, SUSPECTED, Cause, CheckPrediction
 from diagnosis.systems.air_spring.simulator import AirSpring
 from diagnosis.systems.records import read_records
