@@ -25,7 +25,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from diagnosis.engine.config import COMPARABLE, GAINS_DENSITY, PAIRED, SUBSTITUTE
+from diagnosis.engine.config import COMPARABLE, DISTINGUISHED, PAIRED, SUBSTITUTE
 from diagnosis.engine.family import richer_members, richer_surcharge
 from diagnosis.engine.fitting.point import Point
 from diagnosis.engine.footprints import with_surfaces
@@ -88,7 +88,7 @@ def choose_sufficient(problem: Problem, state: SearchState, trials: Sequence[Tri
         return None
     model = refit(problem, trial.point, current)
     there = predicted(problem, model, current.prediction)
-    if there is None or there.lpd - current.prediction.lpd < GAINS_DENSITY:
+    if there is None or there.lpd - current.prediction.lpd < 0.5 * DISTINGUISHED:
         return None
     if too_useless(problem, state, model, there):
         return None

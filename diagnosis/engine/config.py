@@ -14,6 +14,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+#: BIC gap, or twice the gap of log densities, from which on two causes are distinguished.
+DISTINGUISHED: Final = 10.0
+
 
 @dataclass(frozen=True, slots=True)
 class Config:
@@ -28,7 +31,7 @@ class Config:
     max_effects: int = 3  #: step 6: largest number of causes
     fits: int = 8  #: step 6: number of hypotheses that are fitted at each forward step, by highest score
     effects: tuple[str, ...] | None = None  #: only these of the catalogue; None: all
-    ambiguous: float = 10.0  #: steps 6 and 8: BIC gap under which two causes are not distinguished
+    ambiguous: float = DISTINGUISHED  #: steps 6 and 8: BIC gap under which two causes are not distinguished
     lpd_loss: float = 3.0  #: step 6: largest loss of log predictive density by a cause
     rough: float = 0.03  #: step 6: part of the λ found before that a further cause must exceed
     gain: float = 0.05  #: step 6: least part of the explainable RMSE that a cause must explain
@@ -97,9 +100,6 @@ GOOD_STEP: Final = 0.9
 LEAST_STEP: Final = 0.01
 #: A fit gives up where a step would close less than this part of its gap to a better model.
 HOPELESS_STEP: Final = 0.02
-#: Where no step is short enough, the fit counts as converged if it lies less than this above the predicted optimum in
-#: χ²: two standard deviations of one parameter.
-ROUGH_OPTIMUM: Final = 4.0
 #: Better columns are not worth their simulations for a predicted decrease of χ² below this.
 WORTH_NEW_COLUMNS: Final = 1.0
 #: If a step fails with at least this damping, the columns of the nuisances are computed again.
@@ -147,8 +147,9 @@ THRESHOLD_MARGIN: Final = 0.1
 
 #: Number of the best scores whose confusers and richer relatives are also tried.
 WITH_RELATIVES: Final = 2
-#: χ² that would be gained beyond the end of a range, from which on the range is violated: two standard deviations.
-RANGE_CHI2: Final = 4.0
+#: χ² of two standard deviations of one parameter. A range is violated if more would be gained beyond its end; where no
+#: step of a fit is short enough, the fit has converged if its predicted decrease is smaller.
+TWO_SIGMA_CHI2: Final = 4.0
 #: A base parameter this many prior standard deviations from its nominal value is no longer assumed …
 STRAINED_PRIOR: Final = 4.0
 #: … and a cause is blamed for it if it needs this many more than the model without it.
@@ -181,8 +182,6 @@ LARGEST_CHANGE: Final = 1e3
 CLEAR_COEFFICIENT: Final = 2.0
 #: … and such a part of the largest ones.
 LARGE_COEFFICIENT: Final = 0.25
-#: A place of a surface was visited where the data halve the standard deviation that was assumed.
-VISITED: Final = 0.5
 
 # -- step 8, the verdict: verdict.py, constancy.py ---------------------------------------------------------------------
 
@@ -219,10 +218,9 @@ NOISE_RATIO_SHOWN: Final = 1.2
 REMAINDER_RATIO: Final = 2.0
 #: … and if more than this part of the error is left, the named effect is only similar to the cause.
 RELATIVE: Final = 0.5
-#: A cause that takes less than this part of the error on unseen runs away gains nothing there worth telling …
+#: A cause that removes less than this part of the error on unseen runs gains nothing there, unless the log density of
+#: the select runs rises by half of `DISTINGUISHED`.
 NO_GAIN: Final = 0.01
-#: … unless the log predictive density of the select runs rises by this: half of a BIC gap that decides.
-GAINS_DENSITY: Final = 5.0
 #: A smaller part of the error than this is reported as a small gain.
 GAINS_LITTLE: Final = 0.1
 #: Where more than the noise is left, a rival that leaves at most so many times the error of the cause on unseen runs
@@ -232,6 +230,7 @@ PREDICTS_AS_WELL: Final = 1.01
 # -- the intervals: model_error.py, intervals.py -----------------------------------------------------------------------
 
 #: Records, or runs, whose scatter states how uncertain a number is: with fewer, the scatter is itself too uncertain.
+#: With fewer report runs, the bootstrap of the gain draws blocks of runs instead of runs.
 LEAST_REPEATS: Final = 6
 #: Spreads of a model's own error that are tried, closer to each other where they are small.
 SPREADS_TRIED: Final = 2000
@@ -247,14 +246,10 @@ PROFILE_STEPS: Final = 6
 
 # -- what was not seen, and what would decide: confusability.py, next_run.py -------------------------------------------
 
-#: A predicted BIC gap below this does not distinguish two effects .
-SEPARABLE: Final = 10.0
 #: Pairs of footprints with a smaller cosine are not worth a line.
 WORTH_A_LINE: Final = 0.8
 #: The score exceeds the threshold in 95 % of cases where λ lies above it by this (one-sided normal quantile).
 POWER95: Final = 1.6449
-#: Largest assumed amplitude in prior spreads.
-PRIOR_SPREADS: Final = 5.0
 #: An effect is hidden where less than this part of its footprint is left together with the base model.
 HIDDEN_FOOTPRINT: Final = 0.3
 #: A reference is worth naming if it makes the gap grow by this factor.
@@ -268,8 +263,6 @@ MOST_REFERENCES: Final = 3
 COVERAGE_LEVELS: Final = (0.50, 0.90, 0.95)
 #: Draws of the bootstrap: the ends of the 95 % interval rest on 50 of them.
 BOOTSTRAPS: Final = 2000
-#: With fewer report runs than this, the bootstrap draws blocks of runs instead of runs.
-LEAST_RUNS: Final = 6
 #: Blocks in a run for the bootstrap: seconds long, so that the memory of the noise stays inside.
 BOOTSTRAP_BLOCKS: Final = 24
 #: A misfit that exceeds the noise by a smaller factor leaves nothing to explain.
@@ -277,16 +270,15 @@ EXPLAINABLE: Final = 1.05
 
 # -- identification, which asks for no cause: identify.py --------------------------------------------------------------
 
-#: A parameter is reported by runs that leave less than this part of the standard deviation with which it was assumed.
+#: A parameter is identified, and a place of a surface was visited, where the data leave less than this part of the
+#: standard deviation that was assumed.
 IDENTIFIED: Final = 0.5
-#: False-alarm probability of the scores of an identification, as in a diagnosis.
-IDENTIFIED_ALPHA: Final = 0.003
 
 # -- the contract of a simulator: contract_check.py, simulation.py, prior_conflict.py ---------------------------------
 
 #: Largest number of samples that are simulated.
 CHECKED_SAMPLES: Final = 1000
-#: Prior deviations to which a parameter without a bound is tried.
+#: Prior deviations to which a parameter without a bound is tried, and the largest amplitude that is assumed.
 FAR: Final = 5.0
 #: Allowed deviation of small amplitudes from proportionality, in units of the outputs' size.
 CURVED: Final = 0.1

@@ -25,11 +25,11 @@ import numpy as np
 
 from diagnosis.contracts import Array, Parameter
 from diagnosis.engine.config import (
+    DISTINGUISHED,
+    FAR,
     FLOOR_SLACK,
     HIDDEN_FOOTPRINT,
     POWER95,
-    PRIOR_SPREADS,
-    SEPARABLE,
     WORTH_A_LINE,
     Config,
 )
@@ -61,7 +61,7 @@ def confusability(screening: Screening) -> Confusability:
                     second=names[b],
                     cosine=number(cosines[a, b]),
                     bic_gap=number(gap),
-                    separable=bool(gap >= SEPARABLE),
+                    separable=bool(gap >= DISTINGUISHED),
                 )
             )
     return Confusability(
@@ -118,7 +118,7 @@ def _unseen(screening: Screening, model: FittedModel, company: Company, place: i
     effect, amplitude = candidate.effect, candidate.effect.amplitude
     raw = float(screening.projection.raw[place])
     visible = float(screening.projection.norm[place]) / raw if raw > 0.0 else 0.0
-    most = min(PRIOR_SPREADS * amplitude.spread, max(abs(amplitude.low), abs(amplitude.high)))
+    most = min(FAR * amplitude.spread, max(abs(amplitude.low), abs(amplitude.high)))
     score = float(screening.z[place])
     against = max(-score, 0.0) if effect.one_sided else abs(score)
     needed = company.gates(screening.threshold, len(effect.parameters)) + POWER95 + against

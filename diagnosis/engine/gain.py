@@ -20,7 +20,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from diagnosis.contracts import Array, Channel, MeasuredRun
-from diagnosis.engine.config import BOOTSTRAP_BLOCKS, BOOTSTRAPS, COVERAGE_LEVELS, EXPLAINABLE, LEAST_RUNS
+from diagnosis.engine.config import BOOTSTRAP_BLOCKS, BOOTSTRAPS, COVERAGE_LEVELS, EXPLAINABLE, LEAST_REPEATS
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.point import Coordinate, Point
 from diagnosis.engine.fitting.predict import Prediction
@@ -140,7 +140,7 @@ def _fraction(total: Array, floor: float) -> Array:
 
 def _interval(sums: Array, floor: float, rng: np.random.Generator) -> tuple[float, float]:
     """Return the 95 % interval of the fraction by a bootstrap of runs; of blocks if there are few runs."""
-    units = sums.sum(axis=1) if len(sums) >= LEAST_RUNS else sums.reshape(-1, 3)
+    units = sums.sum(axis=1) if len(sums) >= LEAST_REPEATS else sums.reshape(-1, 3)
     units = units[units[:, 2] > 0]
     drawn = units[rng.integers(len(units), size=(BOOTSTRAPS, len(units)))].sum(axis=1)
     low, high = np.nanquantile(_fraction(drawn, floor), (0.025, 0.975))

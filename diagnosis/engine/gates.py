@@ -31,8 +31,8 @@ from diagnosis.engine.config import (
     FLOOR_SLACK,
     FURTHER_STRAIN,
     LEAST_AT_REST,
-    RANGE_CHI2,
     STRAINED_PRIOR,
+    TWO_SIGMA_CHI2,
     Config,
 )
 from diagnosis.engine.fitting.fit import FittedModel
@@ -102,7 +102,7 @@ def out_of_range(model: FittedModel) -> dict[Coordinate, str]:
         if (
             coordinate.owner
             and outwards
-            and push**2 > RANGE_CHI2 * model.noise.dispersion * fitted.information[i, i]
+            and push**2 > TWO_SIGMA_CHI2 * model.noise.dispersion * fitted.information[i, i]
         ):
             name = coordinate.in_words(model.replay.simulator.catalogue)
             found[coordinate] = (

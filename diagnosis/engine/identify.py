@@ -21,7 +21,7 @@ import numpy as np
 
 from diagnosis.contracts import Array, Dataset, Experiment, MeasuredRun, Parameter, Simulator
 from diagnosis.engine.base_model import fit_base_model
-from diagnosis.engine.config import IDENTIFIED, IDENTIFIED_ALPHA, LEAST_REPEATS, UNKEPT_SURFACE_P
+from diagnosis.engine.config import IDENTIFIED, LEAST_REPEATS, UNKEPT_SURFACE_P, Config
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.linear import Prior, prior_of
 from diagnosis.engine.fitting.linearise import linearise
@@ -116,7 +116,7 @@ def identify(
     point = fit_base_model(replay)
     progress("estimating the noise, and the errors of the model", 0.5)
     around = with_surfaces(replay, footprints(replay, point, ()))
-    screened = fit_and_screen(replay, around, alpha=IDENTIFIED_ALPHA, seed=seed, last=True)
+    screened = fit_and_screen(replay, around, alpha=Config().alpha, seed=seed, last=True)
     doubts = (*data.doubts, *contradicted(screened.model), *_of_form(screened))
     return Identification(screened.model, widened(screened.model, screened.tests), doubts)
 

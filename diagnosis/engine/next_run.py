@@ -22,7 +22,7 @@ from itertools import combinations
 import numpy as np
 
 from diagnosis.contracts import Array, DiagnosisError, Experiment, MeasuredRun
-from diagnosis.engine.config import MOST_REFERENCES, SEPARABLE, WORTH_A_REFERENCE
+from diagnosis.engine.config import DISTINGUISHED, MOST_REFERENCES, WORTH_A_REFERENCE
 from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.linear import Linearisation, solve
 from diagnosis.engine.fitting.predict import Prediction, predict
@@ -34,8 +34,8 @@ from diagnosis.finding import NextRun, NextSensor
 def rank(rivals: Sequence[FittedModel], menu: Sequence[Experiment]) -> list[NextRun]:
     """Rank experiments by the BIC gap between the two least separated rivals, per minute of the rig.
 
-    A gap below ``SEPARABLE`` may be an upper bound, because parameters did not adapt. Raises ``DiagnosisError`` for an
-    experiment without minutes.
+    A gap below ``DISTINGUISHED`` may be an upper bound, because parameters did not adapt. Raises ``DiagnosisError`` for
+    an experiment without minutes.
     """
     return sorted(
         (_ranked(rivals, experiment) for experiment in menu), key=lambda run: -(run.per_minute or 0.0)
@@ -51,7 +51,7 @@ def _ranked(rivals: Sequence[FittedModel], experiment: Experiment) -> NextRun:
     pairs = {f"{_name(a)} / {_name(b)}": (a, b) for a, b in combinations(rivals, 2)}
     gap, pair = min((_distance(a, b, runs), pair) for pair, (a, b) in pairs.items())
     # Parameters that adapt bring rivals nearer together, so rivals that are too near already need no adaptation.
-    if gap >= SEPARABLE:
+    if gap >= DISTINGUISHED:
         forecasts = _forecasts(runs)
         gap, pair = min((_separation(a, b, forecasts), pair) for pair, (a, b) in pairs.items())
     return NextRun(

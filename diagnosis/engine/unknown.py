@@ -26,9 +26,9 @@ from diagnosis.contracts import Array, MeasuredRun, Surface
 from diagnosis.engine.config import (
     CLEAR_COEFFICIENT,
     FIXED_WEIGHT,
+    IDENTIFIED,
     LARGE_COEFFICIENT,
     REMAINDER,
-    VISITED,
     Config,
 )
 from diagnosis.engine.fitting.fit import FittedModel, fit
@@ -147,7 +147,7 @@ def _regions(surface: Surface, coefficients: Array, deviations: Array) -> list[R
         at = [axis == place for place in places]
         size = np.array([np.sqrt(np.mean(coefficients[k] ** 2)) for k in at])
         clear = np.array([np.any(np.abs(coefficients[k]) > CLEAR_COEFFICIENT * deviations[k]) for k in at])
-        seen = places[[bool(np.any(deviations[k] < VISITED)) for k in at]]
+        seen = places[[bool(np.any(deviations[k] < IDENTIFIED)) for k in at]]
         acts = clear & (size > LARGE_COEFFICIENT * size.max())
         borders = np.flatnonzero(np.diff(np.concatenate(([0], acts.astype(np.int8), [0]))))
         for start, stop in borders.reshape(-1, 2):
@@ -194,7 +194,7 @@ def _map(surface: Surface, values: Array, deviations: Array) -> Figure | None:
         return None
     first = surface.coefficients[0]
     x, y = np.array(surface.centres).T
-    seen = deviations < VISITED
+    seen = deviations < IDENTIFIED
     return Figure(
         kind="map",
         x_label=surface.coordinates[0],

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from diagnosis.contracts import Array, Hypothesis
-from diagnosis.engine.config import GAINS_DENSITY, NO_GAIN
+from diagnosis.engine.config import DISTINGUISHED, NO_GAIN
 from diagnosis.engine.fitting.point import Point, effect_coordinates
 from diagnosis.engine.intervals import intervals
 from diagnosis.engine.model_error import widened
@@ -44,7 +44,7 @@ def cause(
     A cause is only suspected if it improves the prediction of no unseen run.
     """
     gained = left.gained(effect.name)
-    confirmed = (left.role != "fit" and gained >= NO_GAIN) or accepted.lpd_gain > GAINS_DENSITY
+    confirmed = (left.role != "fit" and gained >= NO_GAIN) or accepted.lpd_gain > 0.5 * DISTINGUISHED
     return Cause(
         effect=effect.name,
         title=effect.title,

@@ -39,7 +39,7 @@ from diagnosis.engine.config import (
     HOPELESS_STEP,
     LEAST_STEP,
     POOR_STEP,
-    ROUGH_OPTIMUM,
+    TWO_SIGMA_CHI2,
     WORTH_NEW_COLUMNS,
 )
 from diagnosis.engine.fitting.linear import Linearisation, Prior, prior_of
@@ -145,7 +145,7 @@ def fit(
                 if descent.renewed():
                     continue
                 # No step is short enough, because the model is rougher than its differences; the fit is final.
-                converged = at.predicted_decrease(at.step()) < max(ROUGH_OPTIMUM, tolerance)
+                converged = at.predicted_decrease(at.step()) < max(TWO_SIGMA_CHI2, tolerance)
                 break
             if descent.source >= ColumnSource.FRESH or not refresh:
                 converged = decrease < tolerance
