@@ -1,9 +1,7 @@
 """A third-party car on our springs, both FMUs in a third-party tool: it moves as on the bench."""
 
 import re
-import shutil
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,11 +11,7 @@ from astb_studies.paper.hybrid.car import STEP
 from astb_studies.paper.hybrid.floor import COMPARED, ridden
 from astb_studies.paper.hybrid.simulated_ride import SimulatedRide
 from astb_studies.paper.plans.ride import AGREES, CAR, RISE, RUN_IN, car_mass, wind_force
-from astb_studies.places import DOCS
-from bench_sim.model.car import RideChannel
-from bench_sim.model.vehicle import Vehicle
 from bench_sim.parameters import load
-from bench_sim.parameters.vehicle import load_vehicle
 from bench_sim.rig.rig import Rig
 from test_plans.description import ours
 from test_plans.discovery import plans
@@ -112,18 +106,3 @@ def test_it_gives_the_figures_of_the_ride(
     for what, value in found.items():
         assert abs(value - on_the_bench.bench[what]) <= on_the_bench.expanded[what], what
         assert value == pytest.approx(on_the_bench.alone[what], rel=far), what
-
-
-def test_what_the_page_says_couples_both(spring_fmus, car_fmus, tmp_path, monkeypatch):
-    """As the model's own vehicle in the same wind, whose springs receive no stepwise inputs."""
-    page = (DOCS / "how-to" / "use-fmus.md").read_text()
-    shutil.copy(spring_fmus[3], tmp_path / "spring.fmu")
-    shutil.copy(car_fmus[3], tmp_path / "car.fmu")
-    monkeypatch.chdir(tmp_path)
-    scope: dict[str, Any] = {}
-    (code,) = (one for one in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "car.fmu" in one)
-    exec(code, scope)
-    vehicle = Vehicle(load().record, load_vehicle().with_values(track_shape=0).record)
-    (*_, last) = vehicle.ride(2e3, 10.001).rows
-    found = scope["car"].get(["car.lateral", "car.lean"])
-    assert found == pytest.approx([last[RideChannel.LATERAL], last[RideChannel.ROLL]], rel=2e-3)
