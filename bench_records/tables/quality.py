@@ -86,17 +86,17 @@ CHECKS: Final = {
         ),
         Check(
             "saturation",
-            "the lowest or highest reading stays exactly the same, without the noise of the column, while other "
-            f"columns move: for {CONSTANT} samples, or {PLATEAUS} times for {PLATEAU} samples",
+            "the lowest or highest reading stays exactly constant while other columns move: "
+            f"for {CONSTANT} samples, or {PLATEAUS} times for {PLATEAU} samples. The noise of the column disappears",
             LEFT_OUT,
             KEPT,
             True,
         ),
         Check(
             "stuck",
-            f"another reading stays exactly the same for {CONSTANT} samples (of a held signal: {CONSTANT} times as "
-            "long as usual) while other columns move, without the noise of the column, or it ends with a jump of "
-            f"{JUMP:g} usual steps",
+            f"another reading stays exactly constant for {CONSTANT} samples (of a held signal: {CONSTANT} times as "
+            "long as usual) while other columns move. The noise of the column disappears, or the constant part ends "
+            f"with a jump of {JUMP:g} usual steps",
             LEFT_OUT,
             KEPT,
             True,
