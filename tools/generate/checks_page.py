@@ -30,9 +30,9 @@ _UNITS: Final = """\
 ## Units
 
 The unit of a column is in the map (`unit`), in the head (`F [kN]`, `F (kN)`, `F/kN`), in a row below the head, or in
-the data of the file. If the units of map and file differ, the file is refused. But if the simulation is much nearer with
-the unit of the map, the diagnosis uses and reports it. `ignore_head_unit = true` of the column ignores the head. Unknown
-units are refused.
+the data of the file. If the units of map and file differ, the file is refused. But if the simulation is much nearer
+with the unit of the map, the diagnosis uses and reports it. `ignore_head_unit = true` of the column ignores the head.
+Unknown units are refused.
 
 Upper and lower case are ignored if the unit is clear: `KN` is kN, but `mn` may be mN or MN and is refused. Units can be
 multiplied, divided and raised to powers: `N·m/rad`, `kgf/cm²`, `m s^-2`, `mm per sec`. A pressure can have its

@@ -82,8 +82,8 @@ place = { table = "holding", address = 20, type = "int32" }
 ## Meaning of the lines
 
 **A reading** (measurement, status or contact) is computed from the numbers of the points in `from`. The order is:
-expression or function, calibration, unit, sign. A reading is updated when its last point arrives. It is not available if one
-of the points is stale, or if its number has no choice.
+expression or function, calibration, unit, sign. A reading is updated when its last point arrives. It is not available
+if one of the points is stale, or if its number has no choice.
 
 **A set-point** is computed in the opposite order, 50 times a second, after a plan has set it. Its transport sends the
 point periodically. Before the first command, the bench sends only the orders of `sequences.open` and three signs of
@@ -95,8 +95,8 @@ Before the first write it is `initial`, or else unknown. A `fixed` setting is ne
 
 **An action** writes its `value`, or several values one after the other.
 
-**An absent signal** has the key `absent`, or no line. If a plan uses it, it is refused with the reason. A choice without
-a number is refused, too.
+**An absent signal** has the key `absent`, or no line. If a plan uses it, it is refused with the reason. A choice
+without a number is refused, too.
 
 **A transport of kind `astb`** has the messages and registers of ASTB. It carries all signals without a line in the
 file.
