@@ -324,13 +324,3 @@ def check_times(seconds: npt.NDArray[np.float64], what: str = "time") -> None:
         raise Unfit(
             f"has {what} = {float(seconds[row]):g} s in row {row + 1}; use times from {-TIME:g} to {TIME:g} s"
         )
-
-
-def check_finite(values: npt.NDArray[np.float64], what: str) -> None:
-    """Raise Unfit for infinite numbers. NaN is permitted; it means "not measured"."""
-    import numpy as np
-
-    wrong = np.isinf(values)
-    if wrong.any():
-        row = int(np.argmax(wrong))
-        raise Unfit(f"has {what} = {float(values[row]):g} in row {row + 1}; use a finite number")

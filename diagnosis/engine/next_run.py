@@ -63,13 +63,6 @@ def _ranked(rivals: Sequence[FittedModel], experiment: Experiment) -> NextRun:
     )
 
 
-def separation(first: FittedModel, second: FittedModel, experiment: Experiment) -> float:
-    """Return the BIC gap which an experiment adds between two fitted models: the smaller one, whichever model is
-    true.
-    """
-    return _separation(first, second, _forecasts(_simulated((first, second), experiment)))
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Forecast:
     """An experiment as predicted by one model, and the log predictive density of this model for it."""

@@ -354,26 +354,3 @@ def _sigma(piece: Piece, values: Samples, averaged: int) -> float:
     if 2 * noise >= piece.instrument.resolution:  # with this noise (dither) a mean resolves less than a step
         return sqrt((noise**2 + step**2) / averaged)
     return sqrt(noise**2 / averaged + step**2)
-
-
-def repeated(found: Sequence[Measured]) -> Measured:
-    """Return the mean of several measurements of the same thing with the same instruments.
-
-    Errors of the instruments are common to all measurements and stay. The random error is estimated from the scatter:
-    s/√n, times √((n−1)/(n−3)) because few measurements give a poor estimate of s (JCGM 101, 6.4.9.2). Raises ValueError
-    for less than four.
-    """
-    n = len(found)
-    if n < 4:
-        raise ValueError(f"{n} measurements are too few for their scatter; use four or more")
-    values = np.array([one.value for one in found])
-    scatter = float(values.std(ddof=1) / sqrt(n) * sqrt((n - 1) / (n - 3)))
-    lacking = next((one for one in found if one.u is None), None)
-    if lacking:
-        return Measured(float(values.mean()), unknown=lacking.unknown)
-    causes = dict.fromkeys(cause for one in found for cause in one.parts if cause != "noise")
-    parts = {cause: float(np.mean([one.parts.get(cause, 0.0) for one in found])) for cause in causes}
-    parts["repeats"] = scatter
-    even = float(np.mean([one.even for one in found]))
-    u = max(sqrt(sum(part**2 for part in parts.values())), even)  # its part may be too small to be listed
-    return Measured(float(values.mean()), u, even, parts)

@@ -14,7 +14,7 @@ from tests.contracts.test_imports import PACKAGES, ROOT
 INSIDE_FUNCTIONS = {
     "astb": 135,
     "astb_studies": 42,
-    "bench_protocol": 4,
+    "bench_protocol": 3,
     "bench_records": 86,
     "bench_sim": 4,
     "diagnosis": 8,

@@ -16,7 +16,7 @@ from diagnosis.engine.fitting.fit import fit
 from diagnosis.engine.fitting.point import base_point, effect_coordinates
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.footprints import candidates, footprints
-from diagnosis.engine.next_run import rank, sensors, separation
+from diagnosis.engine.next_run import rank, sensors
 from diagnosis.engine.noise import white
 from diagnosis.engine.runs import measured_channels
 from diagnosis.engine.screening import fit_and_screen
@@ -216,7 +216,8 @@ def test_counted_samples_are_right_with_few_measured_channels(laboratory):
 
 def test_a_model_is_not_separated_from_itself(ambiguous):
     bench, coulomb, _ = ambiguous
-    assert separation(coulomb, coulomb, bench.lab.experiments()[1]) == pytest.approx(0.0, abs=1e-6)
+    (again,) = rank([coulomb, coulomb], [replace(bench.lab.experiments()[1], minutes=1.0)])
+    assert again.bic_gap == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_menu_without_costs_is_refused(ambiguous):

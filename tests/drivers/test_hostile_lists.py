@@ -2,7 +2,7 @@
 
 import pytest
 
-from astb.acceptance.skeleton.register_list import register_points
+from astb.acceptance.skeleton.register_list import read_register_list
 from bench_protocol.input_limits import DESCRIPTION_BYTES
 from bench_protocol.written_values import NotAValue, read_written
 from drivers.errors import WiringError
@@ -28,7 +28,7 @@ def test_a_wild_list_of_registers_is_refused(tmp_path, content, told):
     path = tmp_path / "registers.csv"
     path.write_bytes(content)
     with refuses(WiringError, told):
-        register_points(path)
+        read_register_list(path)
 
 
 @pytest.mark.parametrize("text", ["inf bar", "-inf bar", "1e400 bar"])

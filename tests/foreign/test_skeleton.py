@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from astb.acceptance.skeleton.points import dbc_points
-from astb.acceptance.skeleton.register_list import register_points
+from astb.acceptance.skeleton.register_list import read_register_list
 from astb.acceptance.skeleton.writing import GROUPS, matches, skeleton
 from astb.acceptance.skeleton.written_units import WrittenUnit, unit_of
 from astb.cli import commands
@@ -62,7 +62,7 @@ def test_only_handwritten_files_are_found(name, unsaid, clear, first, tmp_path):
     dbc, registers = (HERE / "hall_b" / "hall_b.dbc", None) if name == "hall_b" else (None, LISTS[name])
     if unsaid:
         registers = in_holding_registers(name, tmp_path / "list.csv")
-    points = dbc_points(dbc) if dbc else register_points(registers)
+    points = dbc_points(dbc) if dbc else read_register_list(registers).points
     text = skeleton(dbc, registers, beside=tmp_path)
     content = tomllib.loads(text)
     describe(content, tmp_path / "wiring.toml", TABLE)
@@ -119,13 +119,13 @@ def test_a_wrong_list_says_row_and_column(text, message, tmp_path):
     path = tmp_path / "list.csv"
     path.write_text(text)
     with refuses(WiringError, message):
-        register_points(path)
+        read_register_list(path)
 
 
 def test_columns_may_be_called_otherwise(tmp_path):
     path = tmp_path / "list.csv"
     path.write_text("Tag;Area;Addr;Data type;Factor;Einheit\nDruck Balg links;3x;0x10;INT;0.5;mbar\n")
-    (one,) = register_points(path)
+    (one,) = read_register_list(path).points
     assert (
         one.line
         == '"Druck_Balg_links" = { table = "input", address = 16, type = "int16", scale = 0.5, group = "fast" }'

@@ -22,7 +22,6 @@ from test_plans.analysis.uncertainty import (
     Measured,
     counted,
     measured,
-    repeated,
     timed,
     yes_or_no,
 )
@@ -208,18 +207,6 @@ def test_what_is_counted_has_no_uncertainty_and_no_marginal_zone():
     took = timed(0.12, 0.02, 0.02)
     assert took.u == pytest.approx(0.01 * sqrt(2 / 3))
     assert took.even == pytest.approx(0.01 / sqrt(3))
-
-
-def test_repeats_keep_what_the_instruments_do_and_add_their_scatter():
-    values = [1.00, 1.02, 0.99, 1.01, 0.98]
-    found = repeated([Measured(v, 0.05, 0.04, {"laser gain": 0.04, "noise": 0.03}) for v in values])
-    scatter = np.std(values, ddof=1) / sqrt(5) * sqrt(4 / 2)
-    assert found.value == pytest.approx(1.0)
-    assert found.u == pytest.approx(sqrt(0.04**2 + scatter**2))
-    alike = repeated([Measured(1.0, 1.0, 0.05, {"noise": 1.0})] * 4)
-    assert (alike.u, alike.even) == (0.05, 0.05)
-    with pytest.raises(ValueError, match="3 measurements are too few for their scatter"):
-        repeated([Measured(1.0, 0.1)] * 3)
 
 
 # -- the distribution behind a verdict --------------------------------------------------------------------------------

@@ -20,7 +20,6 @@ from bench_protocol.input_limits import (
     TIME,
     Unfit,
     check_dbc,
-    check_finite,
     check_shape,
     check_text_table,
     check_times,
@@ -149,12 +148,6 @@ def test_a_time_passes_if_nanoseconds_hold_it(seconds):
     else:
         with refuses(Unfit, "2"):
             check_times(times)
-
-
-def test_numbers_are_finite_and_gaps_are_gaps():
-    check_finite(np.array([1.0, np.nan]), "height")
-    with refuses(Unfit, "height -inf 3"):
-        check_finite(np.array([1.0, np.nan, -np.inf]), "height")
 
 
 def archive(path: Path, files: dict[str, bytes]) -> Path:

@@ -91,11 +91,6 @@ class _Conventions:
     size_units: set[int]  #: number of size units in one register
 
 
-def register_points(path: Path, transport: str = "plc") -> list[DescribedPoint]:
-    """Return the rows of a list of registers (CSV). Raises WiringError, with row and column, for wrong cells."""
-    return read_register_list(path, transport).points
-
-
 def read_register_list(path: Path, transport: str = "plc", counting: Counting | None = None) -> RegisterList:
     """Return the points of a list of registers, and how it counts addresses; ``counting`` overrides the detection.
     Raises WiringError, with row and column, for wrong cells and for ambiguous addresses.
