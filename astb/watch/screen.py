@@ -19,15 +19,15 @@ __all__ = ["DiagnosisError", "ParameterError", "RecordError", "Screen", "compari
 
 def watch_on_screen(directory: Path, model: str) -> TwinStory:
     """Watch a run to its end like `watch`, with the results on the terminal; return the last story."""
-    told: dict[int, int] = {}
+    printed: dict[int, int] = {}
     with Screen() as screen:
 
         def report(story: TwinStory) -> None:
             for k, deviation in enumerate(story.all_deviations):
-                if len(deviation.course) > told.get(k, 0):
+                if len(deviation.course) > printed.get(k, 0):
                     word = deviation.course[-1].word
                     screen.say("\n".join(lines(deviation, word)))
-                told[k] = len(deviation.course)
+                printed[k] = len(deviation.course)
             screen.show(story)
 
         return watch(directory, model, report)

@@ -16,15 +16,15 @@ _DIGITS: Final = 6
 
 
 def joined(
-    before: LastMinute | None, start: float, channels: Sequence[Channel], told: Innovations
+    before: LastMinute | None, start: float, channels: Sequence[Channel], innovations: Innovations
 ) -> LastMinute | None:
     """Return the last minute up to the end of a stretch whose blocks begin at ``start`` s, joined with ``before``."""
-    known = np.flatnonzero(np.isfinite(told.measured).any(axis=1))
+    known = np.flatnonzero(np.isfinite(innovations.measured).any(axis=1))
     if not len(known):
         return before
     blocks = slice(known[0], known[-1] + 1)
     times = np.round(start + BLOCK * (np.arange(blocks.start, blocks.stop) + 0.5), 3)
-    columns = np.stack((told.measured, told.expected, 2.0 * told.band))[:, blocks]
+    columns = np.stack((innovations.measured, innovations.expected, 2.0 * innovations.band))[:, blocks]
     if before is not None:
         gap = int(times[0] - before.times[-1] > 1.5 * BLOCK)
         nothing = np.full((3, gap, len(channels)), np.nan)

@@ -249,11 +249,11 @@ class Twin:
             return Judged(start, stretch.end, None, str(error))
         if not seen.columns.samples.any():
             return Judged(start, stretch.end, None, NOTHING)
-        told, detector = judge(seen.columns, seen.belief), self._detector.copy()
-        alarm = detector.look(told.white)
-        self._last_minute = joined(self._minute, seen.start, seen.channels, told)
+        innovations, detector = judge(seen.columns, seen.belief), self._detector.copy()
+        alarm = detector.look(innovations.white)
+        self._last_minute = joined(self._minute, seen.start, seen.channels, innovations)
         if alarm is not None:
-            self._part(alarm, told, stretch, seen, end)
+            self._part(alarm, innovations, stretch, seen, end)
         else:
             if self._open is not None and not self._open.withdrawn:
                 self._open = course.withdrawn(self._open, end)
@@ -264,12 +264,12 @@ class Twin:
             lasts = self._waiting or (self._deviations and self._deviations[-1].lasts)
             if not stretch.open and not lasts:
                 # The effect of a lasting fault is not a tolerance.
-                self._belief, self._detector, self._noise = told.belief, detector, seen.columns.noise
+                self._belief, self._detector, self._noise = innovations.belief, detector, seen.columns.noise
         if not stretch.open:
-            self._before, self._carried, self._minute = (seen, told.belief), None, self._last_minute
+            self._before, self._carried, self._minute = (seen, innovations.belief), None, self._last_minute
         return Judged(start, stretch.end, alarm is None)
 
-    def _part(self, alarm: Alarm, told: Innovations, stretch: Stretch, seen: Seen, end: float) -> None:
+    def _part(self, alarm: Alarm, innovations: Innovations, stretch: Stretch, seen: Seen, end: float) -> None:
         """Report the deviation in a ``stretch`` that was ``seen`` until ``end`` s, and start the search for its
         cause.
         """
@@ -279,9 +279,9 @@ class Twin:
             start + (alarm.at + 1) * BLOCK,
             start + since,
             seen.channels[c].name,
-            float(told.measured[alarm.at, c]),
-            float(told.expected[alarm.at, c]),
-            2.0 * float(told.band[alarm.at, c]),
+            float(innovations.measured[alarm.at, c]),
+            float(innovations.expected[alarm.at, c]),
+            2.0 * float(innovations.band[alarm.at, c]),
         )
         longer = end - start - since > _AGAIN * (self._looked_until - start - since)
         new = before is None or before.withdrawn
