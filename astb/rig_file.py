@@ -1,6 +1,5 @@
 """A rig file: the TOML that states the addresses of a rig, and the simulation of a simulated one."""
 
-import re
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -134,7 +133,7 @@ def read(path: Path) -> RigFile:
     try:
         rig = msgspec.convert(content, RigFile)
     except msgspec.ValidationError as error:
-        raise RigFileError(f"rig file {path}: {_in_words(error, content)}") from None
+        raise RigFileError(f"rig file {path}: {misfit(error, content, RigFile)}") from None
     if rig.time == "virtual" and rig.simulation is None:
         raise RigFileError(
             f"rig file {path}: time = virtual needs a [simulation] table; a real rig has only real time"
@@ -197,28 +196,3 @@ def _placed(simulation: Simulation, home: Path) -> Simulation:
         parameters = str((home / parameters).resolve())
     sealed, spring = (text and str((home / text).resolve()) for text in (sealed, spring))
     return replace(simulation, parameters=parameters, sealed=sealed, spring=spring)
-
-
-def _in_words(error: Exception, content: dict[str, Any]) -> str:
-    """Return an error of msgspec about ``content`` as a sentence with key, value and correct form."""
-    said, _, place = str(error).partition(" - at `$")
-    # For a table with keys of the user msgspec does not name the key.
-    keys = [key for key in place.rstrip("`").replace("[...]", "").split(".") if key]
-    tables: dict[str, type[msgspec.Struct]] = {
-        "can": Can,
-        "modbus": Modbus,
-        "simulation": Simulation,
-        "simulation.can": SimulatedCan,
-        "simulation.spring_map": SpringMap,
-        "simulation.faults": FaultEntry,
-    }
-    path = re.sub(r"\[\d+\]", "", ".".join(keys)).split(".")
-    table = next((tables[".".join(path[:n])] for n in (2, 1) if ".".join(path[:n]) in tables), RigFile)
-    fields = {field.encode_name: field.type for field in msgspec.structs.fields(table)}
-    if unknown := re.fullmatch("Object contains unknown field `(.*)`", said):
-        return (
-            f"{'.'.join([*keys, unknown[1]])} is not a key of a rig file; {did_you_mean(unknown[1], fields)}"
-        )
-    if missing := re.fullmatch("Object missing required field `(.*)`", said):
-        return f"the key {'.'.join([*keys, missing[1]])} is missing"
-    return misfit(error, content, RigFile)

@@ -155,8 +155,8 @@ def test_a_can_interface_that_is_not_there_is_named(cli, rig_file):
 BAD_FILES = {
     "name = ": "is not TOML: line 1, name =: the value is not valid; write a number",
     'description = "no name"': "the key name is missing",
-    'name = "x"\n[simulaton]': "simulaton is not a key of a rig file; did you mean 'simulation'?",
-    'name = "x"\n[can]\nprot = 1\n[simulation]': "can.prot is not a key of a rig file; did you mean 'port'?",
+    'name = "x"\n[simulaton]': "simulaton is not a key here; did you mean 'simulation'?",
+    'name = "x"\n[can]\nprot = 1\n[simulation]': "can.prot is not a key here; did you mean 'port'?",
     "name = 3\n[simulation]": "name = 3; use a text",
     'name = "x"\ncan = 3': "can = 3; use a table of keys",
     'name = "x"\n[can]\nport = 70000\n[simulation]': "can.port = 70000; use a whole number <= 65535",

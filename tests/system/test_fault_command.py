@@ -305,7 +305,7 @@ def test_a_rig_file_breaks_its_rig_whose_socket_goes_with_it(start_rig, tmp_path
         ('name = "drop"\nvalues = { seed = "x" }', "drop: seed = 'x' is not a number"),
         (
             'name = "drop"\nwhen = "1 s"',
-            "simulation.faults[0].when is not a key of a rig file; use one of name, at, for, values",
+            "simulation.faults[0].when is not a key here; use one of name, at, for, values",
         ),
         ("name = 1", "simulation.faults[0].name = 1; use a text"),
         ('at = "1 s"', "the key simulation.faults[0].name is missing"),
