@@ -20,16 +20,16 @@ NO_SUCH_UNIT: Final = 0x0B
 
 #: The meaning of each exception code, for messages to users.
 MEANING: Final[Mapping[int, str]] = {
-    ILLEGAL_FUNCTION: "the device does not know the function",
-    ILLEGAL_ADDRESS: "the address is outside the device's map",
-    ILLEGAL_VALUE: "the device refuses the value or the count",
+    ILLEGAL_FUNCTION: "the device does not know the function; use another one",
+    ILLEGAL_ADDRESS: "the address is outside the device's map; correct address and count",
+    ILLEGAL_VALUE: "the device refuses the value or the count; correct it",
     DEVICE_FAILURE: "the device cannot carry out the request now: its state does not allow it, or an error "
-    "occurred",
-    5: "the device has accepted the request and still works on it",
-    NO_AUTHORITY: "another client commands the device",
-    8: "the device's memory fails its parity check",
-    0x0A: "the gateway has no path to the device",
-    NO_SUCH_UNIT: "no device answers to this unit identifier",
+    "occurred; check its state",
+    5: "the device has accepted the request and still works on it; wait",
+    NO_AUTHORITY: "another client commands the device; end that client, or wait",
+    8: "the device's memory fails its parity check; repair the device",
+    0x0A: "the gateway has no path to the device; check its configuration",
+    NO_SUCH_UNIT: "no device answers to this unit identifier; correct the unit",
 }
 
 REGISTERS_READ_MAX: Final = 125

@@ -27,7 +27,7 @@ from drivers.devices import (
     Spring,
     Supply,
 )
-from drivers.errors import BenchError, LinkLost, Misuse, NotAvailable, Refused, RigFault
+from drivers.errors import TRY_AGAIN, BenchError, LinkLost, Misuse, NotAvailable, Refused, RigFault
 from drivers.generator import Generator
 from drivers.link import STREAM_CYCLES, Link
 from drivers.settings import UNKNOWN
@@ -301,7 +301,7 @@ class Bench(Link):
         faults = [state for state in FAULT_STATES if state not in states]
         self._until(lambda: self.state in (*states, *faults), within, _after(expected, orders))
         if self.state not in states:
-            raise RigFault(f"the rig did not reach {expected}: {self.describe()}")
+            raise RigFault(f"the rig did not reach {expected}: {self.describe()}; {TRY_AGAIN}")
 
 
 def _after(states: str, orders: Collection[Order]) -> str:

@@ -147,7 +147,7 @@ class Declaration(Generic[T]):
 
     def set(self, link: Link, name: str, value: T) -> None:
         """Write the value to the rig."""
-        raise AttributeError(f"{name} is read from the rig and cannot be set")
+        raise AttributeError(f"{name} is read from the rig and cannot be set; use a set-point or a setting")
 
 
 class Reported(Declaration[T]):

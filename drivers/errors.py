@@ -1,8 +1,11 @@
 """The errors that the bench raises to a test plan, each with the side at fault."""
 
-from typing import Literal
+from typing import Final, Literal
 
 Fault = Literal["rig", "plan", "link", "record"]
+
+#: The remedy of an error whose cause is stated by the state of the rig.
+TRY_AGAIN: Final = "remove the cause, then try again"
 
 
 class BenchError(Exception):

@@ -8,7 +8,7 @@ from typing import Final
 from bench_protocol.units import s
 from bench_protocol.words import PROGRAM_STATES, GeneratorAxis, GeneratorWave
 from drivers.declarations import ChoiceSetting, Device, Setting
-from drivers.errors import Misuse, NotAvailable, Refused, RigFault
+from drivers.errors import TRY_AGAIN, Misuse, NotAvailable, Refused, RigFault
 from drivers.link import STREAM_CYCLES, Link
 
 #: Time that a program may take in addition to its cycles.
@@ -140,7 +140,7 @@ class Generator(Device):
             got = ", ".join(wave.amplitudes) or "none"
             raise Misuse(
                 f"generator on {wave.axis}: the given amplitude is {got}, but the present control mode "
-                f"of the axis needs {amplitude}"
+                f"of the axis needs {amplitude}; give only that"
             )
         settings: dict[str, float | str] = {
             "axis": wave.axis,
@@ -205,5 +205,5 @@ def wait_for_the_end(link: Link, cycles: float, within: float) -> None:
     if not done >= cycles:
         raise RigFault(
             f"the generator's program ended after {done:g} of {cycles:g} cycles: {link.describe()}; "
-            "remove the cause, then repeat it"
+            f"{TRY_AGAIN}"
         )

@@ -14,6 +14,7 @@ from bench_protocol.units import NS, minutes, ms, s
 from bench_protocol.words import LIVE_STATES, REASONS_OF_THE_LINK, STATES
 from drivers.commander import CYCLE, Commander
 from drivers.errors import (
+    TRY_AGAIN,
     BenchError,
     BenchTimeout,
     Fault,
@@ -259,7 +260,7 @@ class Link:
         if state in DOWN_STATES:
             reason = self.readings.choice("rig.reason") if self.has("rig.reason") else UNKNOWN
             fault: Fault = "link" if reason in REASONS_OF_THE_LINK else "rig"
-            raise RigFault(f"the rig left ACTIVE: {self.describe()}", fault)
+            raise RigFault(f"the rig left ACTIVE: {self.describe()}; {TRY_AGAIN}", fault)
 
     @contextmanager
     def despite_faults(self) -> Iterator[None]:
@@ -362,7 +363,7 @@ class Link:
         shown = [self.readings.show(name) for name in list(names)[:SHOWN_MAX]]
         now = f"now {', '.join(shown)}" if shown else ""
         rejected = self.rejected()
-        known = [now, "" if rejected in what else rejected]
+        known = [now, "check the rig, or allow more time" if rejected in what else rejected]
         return "; ".join(filter(None, (f"{what}: not reached within {within:g} s", *known)))
 
 

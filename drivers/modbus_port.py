@@ -144,7 +144,7 @@ class ModbusPort:
             if following is not None and following <= start:
                 raise LinkLost(
                     f"{what} failed: the object numbers do not rise from answer to answer, so the "
-                    "answers do not end"
+                    "answers do not end; update the device, or do not read its identification"
                 )
             start = following
         return found

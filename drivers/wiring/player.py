@@ -132,7 +132,10 @@ class Player:
             if self.busy:
                 raise _refused("add", "a program runs or is held; stop it first")
             if len(self._kept) == WAVES_AT_ONCE:
-                raise _refused("add", f"the program has {WAVES_AT_ONCE} waves already, and cannot have more")
+                raise _refused(
+                    "add",
+                    f"the program has {WAVES_AT_ONCE} waves already; run or stop it first",
+                )
             kept = [*self._kept, dict(self._settings)]
             self._possible(kept, modes, setpoints, "add")
             self._kept = kept
@@ -160,7 +163,7 @@ class Player:
         """Freeze the wave at its present phase."""
         with self._lock:
             if self._program is not Program.RUN:
-                raise _refused("hold", "no program runs")
+                raise _refused("hold", "no program runs; start one first")
             self._program = Program.HOLD
 
     def stop(self) -> None:
@@ -170,7 +173,7 @@ class Player:
                 if self._kept:
                     self._kept = []
                     return
-                raise _refused("stop", "no program runs")
+                raise _refused("stop", "no program runs; start one first")
             self._returning, self._stopped = dict(self._added), None
             self._program, self._waves = Program.STOPPED, []
 
@@ -248,7 +251,8 @@ class Player:
         number = modes.get(control, math.nan) if control else CONTROL_MODES.index("displacement")
         if math.isnan(number):
             raise _refused(
-                verb, f"the control mode of {axis} is unknown: {self._rig} does not report {control}"
+                verb,
+                f"the control mode of {axis} is unknown: {self._rig} does not report {control}; add it to the wiring",
             )
         mode = CONTROL_MODES[round(number)]
         if mode == "off":
@@ -264,7 +268,7 @@ class Player:
             name = f"{target}_setpoint" if not control else f"{target}.{mode}_setpoint"
             if name in self._absent:
                 raise NotAvailable(
-                    f"{axis} cannot move, because {self._rig} has no {name}: {self._absent[name]}"
+                    f"{axis} cannot move, because {self._rig} has no {name}: {self._absent[name]}; use another axis"
                 )
             heights[self._table.index[name]] = way * height
         return heights

@@ -66,7 +66,7 @@ class PointSettings:
             if abs(value - setting.fixed) > 0.5 * signal.step:
                 raise NotAvailable(
                     f"{self._rig} cannot set {name} = {signal.show(value)}: it is always "
-                    f"{signal.show(setting.fixed)}"
+                    f"{signal.show(setting.fixed)}; use that value"
                 )
             return None
         number = setting.conversion.number(value)

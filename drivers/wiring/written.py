@@ -27,7 +27,9 @@ def si_value(where: str, signal: Signal, given: object) -> float:
         if signal.unit != "1":
             raise WiringError(f'{where} = {given!r} has no unit; write it like "{given} {signal.unit}"')
     if not signal.low <= value <= signal.high or (signal.choices and value != round(value)):
-        raise WiringError(f"{where} = {given!r} is out of the range of {signal.name}: {signal.range_text()}")
+        raise WiringError(
+            f"{where} = {given!r} is out of the range of {signal.name}; use {signal.range_text()}"
+        )
     return value
 
 

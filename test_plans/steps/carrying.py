@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 from bench_protocol.rates import DISABLE_AFTER
 from bench_protocol.units import K, bar, kN, minutes, mm, s
 from bench_protocol.words import LIVE_STATES, SIDES
-from drivers.errors import BenchTimeout, NotAvailable, Refused, RigFault
+from drivers.errors import TRY_AGAIN, BenchTimeout, NotAvailable, Refused, RigFault
 from test_plans.air_left import RESIDUAL_PRESSURE, springs_are_empty, zeros_off
 from test_plans.analysis import CHAMBERS, HEIGHTS
 from test_plans.analysis.geometry import WEIGHT
@@ -127,7 +127,7 @@ def depressurise(run: Run) -> None:
                         what="both springs without air",
                     )
         if not springs_are_empty(bench) and not zeros_off(bench):
-            raise RigFault(f"{NOT_EMPTY}: {bench.describe()}")
+            raise RigFault(f"{NOT_EMPTY}: {bench.describe()}; {TRY_AGAIN}")
 
 
 def carry(load: str | Load) -> Callable[[Run], None]:

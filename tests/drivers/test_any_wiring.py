@@ -146,9 +146,8 @@ def test_an_order_that_the_rig_never_acknowledges_is_named(tiny, bench):
     before = bench.now
     with pytest.raises(BenchTimeout) as failure:
         bench.arm()
-    assert (
-        str(failure.value)
-        == "HOLD (after key = 1; key = 2): not reached within 1 s; now rig.state = DISABLED"
+    assert str(failure.value).startswith(
+        "HOLD (after key = 1; key = 2): not reached within 1 s; now rig.state = DISABLED; "
     )
     assert bench.now - before <= 1.2 * s, "the step's own time, not that of the whole way"
 

@@ -272,7 +272,7 @@ height = { from = "plc.h", unit = "mm" }
 -> fixed = 3 has no unit; write it like "3 bar"
 
 "air.left_target" = { fixed = "30 bar" }
--> is out of the range of air.left_target: 0 to 9 bar
+-> is out of the range of air.left_target; use 0 to 9 bar
 
 "air.left_target" = { to = "plc.t", unit = "bar", within = "2" }
 -> within = '2' is not a time above 0 with its unit

@@ -121,9 +121,13 @@ def test_a_text(order: str) -> None:
 @pytest.mark.parametrize(
     ("keys", "value", "words"),
     [
-        ({"type": "int16", "scale": 0.01}, 400.0, r"height = 400 does not fit: int16 .* -327\.68 to 327\.67"),
-        ({"type": "uint16"}, -1.0, r"height = -1 does not fit: uint16 at 10, scale 1, carries 0 to 65535"),
-        ({"type": "float32"}, 1e39, "height = 1e\\+39 does not fit: float32"),
+        (
+            {"type": "int16", "scale": 0.01},
+            400.0,
+            r"height = 400 does not fit in int16 .* -327\.68 to 327\.67",
+        ),
+        ({"type": "uint16"}, -1.0, r"height = -1 does not fit in uint16 at 10 with scale 1; use 0 to 65535"),
+        ({"type": "float32"}, 1e39, "height = 1e\\+39 does not fit in float32"),
         ({"type": "int16"}, math.nan, "height = nan is not a number to write"),
         ({"type": "float64"}, math.inf, "height = inf is not a number"),
         ({"bit": 3}, 2.0, r"height = 2 is not a bit \(0 or 1\)"),

@@ -91,7 +91,8 @@ def action_refusal(name: str, rig: RigState) -> str:
         return (
             "the settings of the car are incomplete (it needs a mass, a radius of gyration, a bump "
             "stop whose travel rises from point to point, and a frequency of the track), its track is "
-            "too fast, or waves were added for another program"
+            "too fast, or waves were added for another program; correct the settings, or discard the waves by "
+            "action.program_stop"
         )
     return _PROGRAM.get(name, "")
 

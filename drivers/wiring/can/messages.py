@@ -184,7 +184,9 @@ def _own_coding(
     try:
         return Coding(keys.id, name, length, made, is_extended_frame=extended, strict=True)
     except Error as error:
-        raise WiringError(f"{where}: {str(error)[0].lower()}{str(error)[1:]}") from None
+        raise WiringError(
+            f"{where}: {str(error)[0].lower()}{str(error)[1:].rstrip('.')}; correct start, length or byte_order"
+        ) from None
 
 
 def _check_points(
@@ -229,7 +231,7 @@ def _same_identifiers(
             continue
         reason = f"{other} and {name} have the same identifier, {coding.frame_id:#x}"
         if name not in described or other not in described:
-            raise WiringError(f"{where}: {reason}")
+            raise WiringError(f"{where}: {reason}; change the id of one of them")
         refused |= {other: reason, name: reason}
     return refused
 

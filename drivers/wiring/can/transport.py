@@ -421,7 +421,7 @@ class CanTransport(Transport):
             message, signal = self._find(name)
             low, high = message.limits[signal]
             if not low <= value <= high:
-                raise ValueError(f"{name} = {value:g} does not fit: the signal carries {low:g} to {high:g}")
+                raise ValueError(f"{name} = {value:g} does not fit in the signal; use {low:g} to {high:g}")
             taken.append((message, signal, float(value)))
         return taken
 

@@ -132,8 +132,8 @@ class RegisterPoint:
         except (struct.error, OverflowError):
             low, high = self.range()
             raise ValueError(
-                f"{self.name} = {value:g} does not fit: {self.type} at {self.address}, "
-                f"scale {self.scale:g}, carries {low:g} to {high:g}"
+                f"{self.name} = {value:g} does not fit in {self.type} at {self.address} with scale "
+                f"{self.scale:g}; use {low:g} to {high:g}"
             ) from None
         return self._words(data)
 

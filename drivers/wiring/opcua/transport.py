@@ -287,8 +287,11 @@ class OpcUaTransport(Transport):
             codes = self._run(ask, what, self._timeout)
         for (names, _), code in zip(whole.values(), codes, strict=True):
             if not code.is_good():
-                text = f"writing {', '.join(names)} to {self._where} was refused: {code.name} ({code.doc})"
-                raise Refused(text, code.value)
+                raise Refused(
+                    f"writing {', '.join(names)} to {self._where} was refused: {code.name} ({code.doc}); check the "
+                    "value and the rights of the user",
+                    code.value,
+                )
 
     def _with_the_others(self, raws: Mapping[str, float | bool]) -> dict[ua.NodeId, tuple[list[str], Any]]:
         """Return the points and the value to write by node. Arrays are completed with the present values."""
@@ -417,7 +420,7 @@ class OpcUaTransport(Transport):
 
     def _connected(self) -> Client:
         if self._client is None:
-            raise LinkLost(f"{self._where} is not connected")
+            raise LinkLost(f"{self._where} is not connected; connect it first")
         return self._client
 
     def _run(self, work: Coroutine[Any, Any, T], what: str, within: float) -> T:
@@ -427,7 +430,7 @@ class OpcUaTransport(Transport):
         loop = self._loop
         if loop is None:
             work.close()
-            raise LinkLost(f"{self._where} is not connected")
+            raise LinkLost(f"{self._where} is not connected; connect it first")
         try:
             result = loop.run(work, within)
         except (TimeoutError, CancelledError, asyncio.CancelledError, OSError, ua.UaError) as error:
