@@ -177,7 +177,7 @@ def _reading_error(path: Path, text: str, error: Exception) -> str:
     lines = text.splitlines()
     there = lines[line - 1][column - 1 :].strip()[:40] if line <= len(lines) else ""
     return f"is not a valid DBC: line {line}, column {column}" + (
-        f" has a syntax error at {there!r}" if there else ": the file ends there"
+        f" has a syntax error at {there!r}; correct it" if there else ": the file ends there; export it again"
     )
 
 

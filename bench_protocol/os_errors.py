@@ -22,6 +22,8 @@ _REMEDIES: Final = MappingProxyType(
         errno.ENOSPC: "free space on the disk, or use another one",
         errno.EDQUOT: "free space on the disk, or use another one",
         errno.ENAMETOOLONG: "use a shorter name",
+        errno.EADDRINUSE: "use another port, or end the program that uses it",
+        errno.EADDRNOTAVAIL: "use an address of this machine",
     }
 )
 
@@ -32,7 +34,7 @@ def error_text(error: BaseException) -> str:
 
 
 def reason(error: BaseException) -> str:
-    """Return an error as text; for a frequent error of a file or disk the remedy follows."""
+    """Return an error as text; for a frequent error of a file, disk or port the remedy follows."""
     text = error_text(error)
     remedy = _REMEDIES.get(getattr(error, "errno", None) or 0)
     return f"{text}; {remedy}" if remedy else text

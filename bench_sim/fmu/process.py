@@ -113,7 +113,7 @@ class Worker:
             supervisor.join()
         if not good:
             self.close()
-            raise FmuError(f"{self.name} failed {where()}: {answer}{self.log_tail()}")
+            raise FmuError(f"{self.name} failed {where()}: {answer}; correct the FMU{self.log_tail()}")
         return answer
 
     def _supervise(self, done: threading.Event, timeout: float, progress: Callable[[], bytes]) -> None:

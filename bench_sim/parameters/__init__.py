@@ -151,12 +151,15 @@ def _check_order(record: Any) -> None:
         ("sensor_low", "sensor_high"),
     ):
         if np.any(record[low] > record[high]):
-            raise ParameterError(f"{low} = {record[low]} exceeds {high} = {record[high]} (SI)")
+            raise ParameterError(
+                f"{low} = {record[low]} exceeds {high} = {record[high]} (SI); decrease {low}"
+            )
     for length, diameter in zip(record.pipe_length, record.pipe_diameter, strict=True):
         # a shorter one has so little inertia that no step follows its surge
         if 0.0 < length < diameter:
             raise ParameterError(
-                f"pipe_length = {length:g} m is less than pipe_diameter = {diameter:g} m; 0 m means no pipe"
+                f"pipe_length = {length:g} m is less than pipe_diameter = {diameter:g} m; use a longer "
+                "pipe, or 0 m for none"
             )
     if np.any(np.diff(record.bump_stop_travel) <= 0.0):
         raise ParameterError(

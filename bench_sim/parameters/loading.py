@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_protocol import entries, input_limits
+from bench_protocol.os_errors import error_text, reason
 from bench_protocol.suggestion import did_you_mean
 from bench_protocol.units import WRITTEN_UNITS
 from bench_protocol.written_values import NotAValue, read_written
@@ -56,8 +57,9 @@ def read_toml(
     try:
         return path, input_limits.read_toml(path)
     except OSError as error:
-        hint = f"; use {', '.join(sets)}, or a path that ends in .toml" if sets else ""
-        raise ParameterError(f"no {what} {str(name)!r}: {path} cannot be read{hint}") from error
+        text = error_text(error)
+        text = f"{text}; use {', '.join(sets)}, or a path that ends in .toml" if sets else reason(error)
+        raise ParameterError(f"no {what} {str(name)!r}: {path} cannot be read: {text}") from error
     except input_limits.Unfit as error:
         raise ParameterError(f"{path.name} {error}") from error
 
@@ -135,7 +137,9 @@ def shaped(name: str, value: Any, shape: tuple[int, ...], *, shown: str = "") ->
     try:
         array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise ParameterError(f"{shown} = {value!r} is not a number or an array of numbers") from error
+        raise ParameterError(
+            f"{shown} = {value!r} is not a number or an array of numbers; write one"
+        ) from error
     if array.ndim != 0 and array.shape != shape:
         raise ParameterError(f"{shown} has shape {array.shape}; use one number, or an array of shape {shape}")
     if name == CROSSTALK and array.ndim == 0:

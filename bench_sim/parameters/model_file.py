@@ -101,7 +101,9 @@ def read_model(tables: Mapping[str, Any]) -> Model:
             raise ParameterError(unknown(key, _TABLES, "part of a model file"))
     based_on = tables.get("based_on")
     if not isinstance(based_on, str):
-        raise ParameterError(f"based_on = {based_on!r} is not the name or the path of a parameter set")
+        raise ParameterError(
+            f'based_on = {based_on!r} is not the name or the path of a parameter set; write one, such as "astb"'
+        )
     change, effect, surface, finding = (_table(tables, key) for key in _TABLES[1:])
     changes = read_changes(change)
     for name in surface:

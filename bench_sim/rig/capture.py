@@ -11,6 +11,7 @@ from typing import BinaryIO, Final
 
 from bench_protocol.clock import wall_time_ns
 from bench_protocol.frames import Block
+from bench_protocol.os_errors import reason
 from bench_sim.rig.can_bus import Stage
 from bench_sim.rig.pcapng import header_bytes, packet_bytes, statistics_bytes
 
@@ -112,8 +113,8 @@ class CaptureFile:
         try:
             return self._path.open("wb")
         except OSError as error:
-            reason = f"the capture {self._path} cannot be written: {error.strerror}"
-            raise OSError(error.errno, reason) from None
+            text = f"the capture {self._path} cannot be written: {reason(error)}"
+            raise OSError(error.errno, text) from None
 
     def _run(self, file: BinaryIO | None) -> None:
         while not self._closing.is_set():
@@ -126,7 +127,7 @@ class CaptureFile:
             except BrokenPipeError:
                 pass  # this reader has left
             except OSError as error:
-                self._complain(f"the capture {self._path} ends here: {error.strerror}")
+                self._complain(f"the capture {self._path} ends here: {reason(error)}")
                 return
             finally:
                 self._capture.release(tap)

@@ -5,11 +5,13 @@ Modbus server, so that it can be found from the rig file. Only its user can acce
 """
 
 import asyncio
+import errno
 import socket
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
+from bench_protocol.os_errors import reason
 from bench_protocol.runtime.own_folder import own_directory, own_folder, require_own
 
 #: Bytes of a line, and clients at once.
@@ -61,12 +63,12 @@ class ControlSocket:
         try:
             own_directory(path.parent)
             if is_alive(path):
-                raise OSError("another rig uses it")
+                raise OSError(errno.EADDRINUSE, "another rig uses it")
             loop = asyncio.get_running_loop()
             self._server = await loop.create_unix_server(lambda: _ControlClient(self), str(path))
         except OSError as error:
-            reason = error.strerror or str(error)
-            raise OSError(error.errno, f"control socket {path} cannot be opened: {reason}") from None
+            text = f"control socket {path} cannot be opened: {reason(error)}"
+            raise OSError(error.errno, text) from None
         path.chmod(0o600)
         self._path = path
         return path
@@ -136,7 +138,7 @@ class _ControlClient(asyncio.Protocol):
 def _unix_socket() -> socket.socket:
     """Return a new socket. Raises OSError if the system has no Unix sockets."""
     if (family := getattr(socket, "AF_UNIX", None)) is None:
-        raise OSError("this system has no Unix domain sockets")
+        raise OSError("this system has no Unix domain sockets; use Linux")
     return socket.socket(family)
 
 

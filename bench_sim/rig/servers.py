@@ -16,6 +16,7 @@ from typing import Any, Final, Self
 
 from bench_protocol import socketcand
 from bench_protocol.clock import hurry
+from bench_protocol.os_errors import reason
 from bench_protocol.runtime.eventfd import clear
 from bench_sim.rig.can_hub import CanHub
 from bench_sim.rig.capture_server import CaptureServer
@@ -169,8 +170,8 @@ async def _listen(
     try:
         server = await loop.create_server(factory, host, port, family=_family(host))
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise OSError(error.errno, f"{what} port {port} on {host} cannot be opened: {reason}") from None
+        text = f"{what} port {port} on {host} cannot be opened: {reason(error)}"
+        raise OSError(error.errno, text) from None
     stack.push_async_callback(_close, server)
     found: int = server.sockets[0].getsockname()[1]
     return found

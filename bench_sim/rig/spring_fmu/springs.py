@@ -107,7 +107,7 @@ class SpringFmu:
             )
         except Exception as error:  # FMPy raises several types
             at = where(self.arrays, self.coupling)
-            raise FmuError(f"{self._name} failed {at}: {error}{self._log_tail()}") from None
+            raise FmuError(f"{self._name} failed {at}: {error}; correct the FMU{self._log_tail()}") from None
 
     @property
     def adjustable(self) -> frozenset[str]:
