@@ -30,6 +30,9 @@ PANEL: Final = "@panel"
 #: Value of ``--answers`` if the answers are lines of the standard input.
 STDIN: Final = "-"
 
+_OTHERS: Final = "answer at a terminal, in the panel or by --answers FILE"
+_CLOSED: Final = "the terminal is closed; answer in the panel or by --answers FILE"
+
 
 class AnswersFileError(ValueError):
     """A wrong file of answers; the text names it and states the correct form."""
@@ -48,16 +51,16 @@ class SimulatedHand:
     def ask(self, question: Question) -> None:
         name, _, way = question.deed.rpartition(" ")
         if way not in {"on", "off"} or DONE not in question.answers:
-            raise Unanswered("the simulated rig cannot do this by itself")
+            raise Unanswered(f"the simulated rig cannot do this by itself; {_OTHERS}")
         try:
             told = self._order({"do": way, "name": name, **({"values": {}} if way == "on" else {})})
             done = "error" not in told or (way == "off" and self._has(name))  # a fault that was not on is off
         except OSError as error:  # the rig runs in another process, or has ended
             raise Unanswered(
-                f"the simulated rig does not receive the command: {error.strerror or error}"
+                f"the simulated rig does not receive the command: {error.strerror or error}; check that it runs"
             ) from None
         if not done:
-            raise Unanswered(f"the simulated rig cannot do this by itself: {told['error']}")
+            raise Unanswered(f"the simulated rig cannot do this by itself: {told['error']}; {_OTHERS}")
         self._answer = Answer(DONE, "the simulated rig")
 
     def _has(self, name: str) -> bool:
@@ -82,10 +85,12 @@ class Terminal(QuestionBox):
 
     def ask(self, question: Question) -> None:
         if self._ended:
-            raise Unanswered("the terminal is closed")
+            raise Unanswered(_CLOSED)
         if self._lines.isatty() and not in_the_foreground(self._lines):
             # To read would stop this process, and with it the set-points of a bench under air.
-            raise Unanswered("the process runs in the background of its terminal and cannot read an answer")
+            raise Unanswered(
+                "the process runs in the background of its terminal and cannot read an answer; start it in the foreground"
+            )
         self._forget_what_was_typed()
         super().ask(question)
         self._wanted.set()
@@ -99,7 +104,7 @@ class Terminal(QuestionBox):
     def answer(self) -> Answer | None:
         found = super().answer()
         if found is None and self._ended:
-            raise Unanswered("the terminal is closed")
+            raise Unanswered(_CLOSED)
         return found
 
     def withdraw(self) -> None:

@@ -71,7 +71,7 @@ def _put(run: Asking, question: Question) -> Answer:
     run.operator.ask(question)
     try:
         if not wait_for_somebody(run, answered, question.within, f"an answer to: {question.text}"):
-            raise NotInTime(f"no answer within {question.within:g} s")
+            raise NotInTime(f"no answer within {question.within:g} s; repeat the run, and answer in time")
     finally:
         run.operator.withdraw()
     return found[0]

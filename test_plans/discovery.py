@@ -67,7 +67,7 @@ def by_name(modules: Iterable[ModuleType]) -> Found:
             other, where = found.setdefault(plan.name, (plan, _shown(module)))
             if other is not plan:
                 wrong.append(
-                    f"{_shown(module)}: there is a plan {plan.name} already, in {where}: another name is needed"
+                    f"{_shown(module)}: there is a plan {plan.name} already, in {where}; rename one of them"
                 )
     return Found({name: found[name][0] for name in sorted(found)}, wrong)
 
@@ -130,7 +130,9 @@ def _module_of(path: Path) -> ModuleType:
         del sys.modules[name]
         line = next((at for file, at in _places(error) if file == str(path)), None)
         where = f"{path}, line {line}" if line else path
-        raise PlanError(f"{where}: {type(error).__name__}: {getattr(error, 'msg', error)}") from error
+        raise PlanError(
+            f"{where}: {type(error).__name__}: {getattr(error, 'msg', error)}; correct the file"
+        ) from error
     return module
 
 

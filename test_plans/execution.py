@@ -368,7 +368,9 @@ def _silent(bench: Bench) -> str:
         for signal in MEASUREMENTS
         if not bench.lacks(signal.name) and isnan(bench.readings.value_or_nan(signal.name))
     ]
-    return f"; no samples arrive of {', '.join(silent)}" if silent else "; repeat the run"
+    return (
+        f"; no samples arrive of {', '.join(silent)}; check these sensors" if silent else "; repeat the run"
+    )
 
 
 def _place(error: BaseException, plan: Plan) -> str:

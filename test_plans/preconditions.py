@@ -120,7 +120,7 @@ def gas(low: float, high: float) -> Precondition:
             run.bench.wait_for(within, within=COME_BACK, what="gas at the temperature of the hall")
         found = [run.bench.readings.value(name) for name in names]
         if silent := [name for name, one in zip(names, found, strict=True) if isnan(one)]:
-            return ConditionResult(False, f"no samples arrive of {' and '.join(silent)}")
+            return ConditionResult(False, f"no samples arrive of {' and '.join(silent)}; check these sensors")
         text = " and ".join(f"{one - ICE:.1f} °C" for one in found)
         good = all(low <= one <= high for one in found)
         cold = any(one < low for one in found)

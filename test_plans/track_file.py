@@ -144,7 +144,7 @@ def _column(sheet: Sheet, name: str, si: str) -> Samples:
     elif column.kind == "number":
         values = np.asarray(column.cells, np.float64)
     else:
-        raise NoTrack(f"{where} has {column.what or column.kind} instead of numbers")
+        raise NoTrack(f"{where} has {column.what or column.kind} instead of numbers; use a column of numbers")
     if values.size < LEAST_ROWS:
         raise NoTrack(f"{sheet.path} has {values.size} rows; a track needs {LEAST_ROWS} or more")
     lacking = np.flatnonzero(~np.isfinite(values))

@@ -342,7 +342,8 @@ def _weigh(run: Run, mass: float) -> None:
             check_band(run, OVER_MASS, found, "1", GAIN)
             if not run.confirm(f"Take the {mass:g} kg off the bolster again."):
                 raise RigFault(
-                    f"it was not confirmed that the {mass:g} kg and all hands are off the bolster, so it is not loaded"
+                    f"it was not confirmed that the {mass:g} kg and all hands are off the bolster, so it is not "
+                    "loaded; repeat the run, and confirm it"
                 )
 
 

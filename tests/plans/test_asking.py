@@ -82,7 +82,8 @@ def test_signals_without_a_source_are_not_available_with_a_reason(asked, operato
 def test_an_unanswered_request_for_handwork_ends_the_run(asked):
     result, _ = asked(QuestionBox(), within=0.1)
     assert result.verdict is Outcome.BLOCKED
-    assert "fit the plate of 16 mm: no answer within 0.1 s; a person may be at the rig" in result.reason
+    assert "fit the plate of 16 mm: no answer within 0.1 s; " in result.reason
+    assert "; a person may be at the rig" in result.reason
 
 
 def test_whoever_answers_abort_ends_the_run(asked):
@@ -160,19 +161,22 @@ def answered(terminal, text):
     return "nothing came"
 
 
+CLOSED = "the terminal is closed; answer in the panel or by --answers FILE"
+
+
 def test_lines_of_a_pipe_answer_one_question_each():
     terminal = Terminal(Console(file=io.StringIO()), io.StringIO("done\nnot\nwhat\ndone\n"))
     assert [answered(terminal, f"{n}") for n in range(4)] == [
         "done",
         "not possible",
         "done",
-        "the terminal is closed",
+        CLOSED,
     ]
 
 
 def test_what_is_no_text_closes_a_terminal_and_leaves_no_question_waiting():
     lines = io.TextIOWrapper(io.BytesIO(b"\xff\n"), encoding="utf-8")
-    assert answered(Terminal(Console(file=io.StringIO()), lines), "ready?") == "the terminal is closed"
+    assert answered(Terminal(Console(file=io.StringIO()), lines), "ready?") == CLOSED
 
 
 def test_earlier_keyboard_input_does_not_answer_a_question():
@@ -221,10 +225,9 @@ def test_a_background_job_asks_no_question():
     )
     os.close(here)
     os.close(there)
-    assert done.stdout.splitlines() == [
-        "the process runs in the background of its terminal and cannot read an answer",
-        "asked",
-    ]
+    refused, asked = done.stdout.splitlines()
+    assert refused.startswith("the process runs in the background of its terminal")
+    assert asked == "asked"
 
 
 def test_a_simulated_rig_on_another_machine_leaves_the_question_to_others():

@@ -175,7 +175,8 @@ def test_samples_that_are_missing_are_named(made, bench):
     bench.readings.value_or_nan = lambda name: math.nan if name == "load_cell.1" else 0.0
     result, _ = made(raising(NotMeasured("0 samples are too few for a line")))
     assert (
-        result.reason == "the measurement: 0 samples are too few for a line; no samples arrive of load_cell.1"
+        result.reason
+        == "the measurement: 0 samples are too few for a line; no samples arrive of load_cell.1; check these sensors"
     )
 
 
