@@ -475,4 +475,6 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
         try:
             return msgspec.json.decode(data, type=Finding)
         except (msgspec.MsgspecError, UnicodeError, RecursionError) as error:
-            raise DiagnosisError(f"this is not a finding of a diagnosis: {error}") from error
+            raise DiagnosisError(
+                f"this is not a finding of a diagnosis: {error}; use a finding.json"
+            ) from error

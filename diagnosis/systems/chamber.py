@@ -178,7 +178,8 @@ def _begin(measured: Mapping[str, Array]) -> Mapping[str, float]:
     known = np.flatnonzero(np.isfinite(pressure))
     if len(known) < 2:
         raise DiagnosisError(
-            f"the first {_FIRST} samples of the pressure hold {len(known)} measured values; at least two are needed"
+            f"the first {_FIRST} samples of the pressure hold {len(known)} measured values; use a file or a time.start "
+            "with at least two"
         )
     return {"start_pressure": float(np.polynomial.Polynomial.fit(known, pressure[known], 1)(0.0))}
 

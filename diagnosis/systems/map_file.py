@@ -14,6 +14,7 @@ from bench_protocol.dimensions import DimensionsError, read_dimensions
 from bench_protocol.input_limits import read_toml
 from bench_protocol.misfit import Misfits, converted
 from bench_protocol.os_errors import file_errors
+from bench_protocol.suggestion import did_you_mean
 from bench_records.layout import RecordError
 from bench_records.tables import reading
 from bench_records.tables.keys import ColumnName, FileKeys, Source, TimeSource
@@ -214,22 +215,24 @@ def settings_of(mapping: Map, system: System, where: Path, file: Path | None = N
         if name in known and not known[name].per_file:
             able = ", ".join(one for one, setting in known.items() if setting.per_file)
             errors.note(
-                f"{where}: file_settings: {name} of {system.name} must be equal in all files; what may differ: "
-                f"{able or 'none'}"
+                f"{where}: file_settings: {name} of {system.name} must be equal in all files; move it to settings "
+                f"(settings that may differ: {able or 'none'})"
             )
     given = {name: text for rule in (mapping.settings, *own) for name, text in rule.items()}
     for name in (*mapping.settings, *(name for rule in mapping.file_settings for name in rule.settings)):
         if name not in known:
             errors.note(
-                f"{where}: settings.{name} is not a setting of {system.name}; its settings are "
-                f"{', '.join(known) or 'none'}"
+                f"{where}: settings.{name} is not a setting of {system.name}; "
+                + did_you_mean(name, known, "it has none, so remove this line")
             )
     values: dict[str, float] = {}
     for name, setting in known.items():
         text = given.get(name)
         if text is None:
             if setting.default is None:
-                errors.note(f"{where}: settings.{name} is missing: {setting.title}, in {setting.unit}")
+                errors.note(
+                    f"{where}: settings.{name} is missing; add the {setting.title}, in {setting.unit}"
+                )
             else:
                 values[name] = setting.default
             continue
@@ -262,7 +265,7 @@ def channels_of(mapping: Map, system: System, where: Path, errors: Errors) -> tu
         signal, key = signals.get(name), f"{where}: columns.{name}"
         if signal is None:
             if f"columns.{name}" not in known:
-                errors.note(f"{key} is not a signal of {system.name}; its signals are {', '.join(signals)}")
+                errors.note(f"{key} is not a signal of {system.name}; {did_you_mean(name, signals)}")
             continue
         if column.unit is not None:
             with errors.noted():
@@ -278,7 +281,7 @@ def channels_of(mapping: Map, system: System, where: Path, errors: Errors) -> tu
             errors.note(f"{key}.hold: {name} is an output, and only inputs can be held; omit hold")
     for name, signal in signals.items():
         if signal.required and name not in mapping.columns:
-            errors.note(f"{where}: columns.{name} is missing: {system.name} needs the {signal.title}")
+            errors.note(f"{where}: columns.{name} is missing; add the column of the {signal.title}")
     channels = []
     for signal in system.outputs:
         if signal.name in mapping.columns:

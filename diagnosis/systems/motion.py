@@ -154,7 +154,7 @@ def smooth(values: Array, noise: float, smallest: float = _SMALLEST) -> Array:
     """
     known = np.isfinite(values)
     if known.sum() < LEAST:
-        raise DiagnosisError(f"a motion has {known.sum()} measured samples; at least {LEAST} are needed")
+        raise DiagnosisError(f"a motion has {known.sum()} measured samples; use a run with at least {LEAST}")
     if _is_pure_noise(values[known], noise):
         return np.full(len(values), np.mean(values[known]))
     ratio = np.full(len(values) - 3, _FIRST)

@@ -44,7 +44,9 @@ def load_system(name: str, folder: Path) -> System:
         module = importlib.import_module(module_name)
     except ModuleNotFoundError as error:
         if error.name is None or not f"{module_name}.".startswith(f"{error.name}."):
-            raise DiagnosisError(f'simulator "{name}": {module_name} needs {error.name}: {error}') from error
+            raise DiagnosisError(
+                f'simulator "{name}": {module_name} needs {error.name}: {error}; install {error.name}'
+            ) from error
         raise DiagnosisError(
             f'simulator "{name}": there is no module {error.name} in {folder.resolve()} or among the installed '
             f"packages; {_RIGHT}"
