@@ -72,7 +72,7 @@ class Doorkeeper:
         changes = scope["type"] == "websocket" or scope["method"] not in {"GET", "HEAD"}
         origin = headers.get("origin")
         if changes and origin is not None and origin.partition("://")[2] != host:
-            return "this request comes from a page of another server and is rejected"
+            return "this request comes from a page of another server; open the page of the panel"
         return ""
 
 

@@ -43,8 +43,10 @@ def answered(answer: Callable[[Request], object]) -> Callable[[Request], Any]:
             found = await to_thread.run_sync(answer, request, limiter=limiter)
         except RecordError as error:
             return PlainTextResponse(f"{error}\n", 404)
-        except (KeyError, ValueError) as error:
-            return PlainTextResponse(f"this address asks for {error}\n", 400)
+        except KeyError as error:
+            return PlainTextResponse(f"this address needs the parameter {error}; add it\n", 400)
+        except ValueError as error:
+            return PlainTextResponse(f"a parameter of this address is wrong: {error}; correct it\n", 400)
         if isinstance(found, str):
             return Response(found, media_type="text/html", headers={"Content-Security-Policy": ALONE})
         return Response(msgspec.json.encode(found), media_type="application/json")

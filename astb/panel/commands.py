@@ -48,11 +48,11 @@ def command(parts: Parts, path: str, do: Command, *, seat: bool = True) -> Route
 
 async def json_body(request: Request) -> dict[str, Any]:
     """Return the JSON object in a request. NotAllowed if it is too long or another kind of data."""
-    body = await read_body(request, _BODY_MAX, "the request is too long")
+    body = await read_body(request, _BODY_MAX, f"the request has more than {_BODY_MAX} bytes; shorten it")
     try:
         content = msgspec.json.decode(body or b"{}", type=dict[str, Any])
     except (msgspec.MsgspecError, UnicodeError) as error:
-        raise NotAllowed(f"the request is not valid JSON: {error}", 400) from None
+        raise NotAllowed(f"the request is not valid JSON: {error}; correct it", 400) from None
     except RecursionError:
         raise NotAllowed(f"the request is nested too deep; use at most {_DEPTH_MAX} levels", 400) from None
     if _depth(content) > _DEPTH_MAX:
@@ -89,11 +89,11 @@ def text_of(body: Mapping[str, Any], key: str) -> str:
     """Return a text of a request, "" if it is missing. NotAllowed if it is not a text, or not valid UTF-8."""
     value = body.get(key, "")
     if not isinstance(value, str):
-        raise NotAllowed(f"{key} must be a text", 400)
+        raise NotAllowed(f"{key} = {value!r} is not a text; send a text", 400)
     try:
         value.encode()
     except UnicodeEncodeError:
-        raise NotAllowed(f"{key} is not a valid UTF-8 text", 400) from None
+        raise NotAllowed(f"{key} is not a valid UTF-8 text; enter it again", 400) from None
     return value
 
 
@@ -101,14 +101,14 @@ def settings_of(body: Mapping[str, Any]) -> dict[str, str]:
     """Return the parameters of a plan in a request, as text. NotAllowed for anything but a table of values."""
     settings = body.get("set", {})
     if not isinstance(settings, dict):
-        raise NotAllowed("set must be a table of parameters", 400)
+        raise NotAllowed(f"set = {settings!r} is not a table; send the parameters by their names", 400)
     return {text_of({"a name": name}, "a name"): _written(name, value) for name, value in settings.items()}
 
 
 def _written(name: str, value: object) -> str:
     """Return the value of a parameter as text."""
     if isinstance(value, dict | list):
-        raise NotAllowed(f"{name} must be a text or a number", 400)
+        raise NotAllowed(f"{name} = {value!r} is a table or a list; send a text or a number", 400)
     return text_of({name: str(value)}, name)
 
 

@@ -102,7 +102,7 @@ def _refuse(told: dict[str, str]) -> None:
         raise NotAllowed("the author of the note is missing; fill in the field for the author", 400)
     if len(told["text"]) > _TEXT_MAX:
         raise NotAllowed(
-            f"a note of {len(told['text'])} characters is too long; at most {_TEXT_MAX} are possible", 413
+            f"a note of {len(told['text'])} characters is too long; use at most {_TEXT_MAX}", 413
         )
     if told["file"] and not _NAME.fullmatch(told["file"]):
         raise NotAllowed(
@@ -123,7 +123,7 @@ def _file(known: Known) -> Callable[[Request], Awaitable[Response]]:
         except RecordError as error:
             return PlainTextResponse(f"{error}\n", 404)
         except (OSError, ValueError):
-            return PlainTextResponse(f"{name} is missing\n", 404)
+            return PlainTextResponse(f"the file {name} of a note of {run} cannot be read; restore it\n", 404)
         kind = PICTURES.get(Path(name).suffix.lower(), "application/octet-stream")
         heads = {
             "X-Content-Type-Options": "nosniff",

@@ -92,15 +92,13 @@ class Runs:
         """
         stops = self._stops
         if self._watch.lacks_stop:
-            raise CannotDo(
-                f"no run can start on a rig that cannot be stopped: {self._watch.lacks_stop}; add one to the wiring"
-            )
+            raise CannotDo(f"no run can start on a rig that cannot be stopped: {self._watch.lacks_stop}")
         refuse_settings(plan, settings)
         with self._starts:  # a double click starts one run
             if self.going:
                 raise CannotDo("a run is in progress already; stop it, or wait for its end")
             if link := self._watch.present().link:
-                raise CannotDo(f"no data from the rig: {link}; wait for its data, or restart it")
+                raise CannotDo(f"no data from the rig: {link}")
             content = {"specimen": specimen, "operator": operator, "ambient": ambient}
             self._launch(plan, settings, content, ["--watch"] if twin else [])
             if self._stops != stops:  # a stop that came meanwhile may not have reached the new process

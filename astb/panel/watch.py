@@ -136,7 +136,7 @@ class Watch:
         )
         self.row = {one.name: place for place, one in enumerate(self.shown)}
         self.envelope = Envelope(len(rows))
-        self.status = Status(link="not connected yet")
+        self.status = Status(link="not connected yet; wait some seconds")
         self.revive: Callable[[], None] = lambda: None  #: called when the rig cannot be reached
         self._waiting: list[tuple[Ints, Ints, Floats]] = []
         self._twin_reader = TwinReader()
@@ -161,7 +161,8 @@ class Watch:
         blind = 0.0 if self._looks is None else (self.clock.now() - self._looks) / NS
         if self.status.link or blind < BLIND:
             return self.status
-        return msgspec.structs.replace(self.status, link=f"the panel has not read the rig for {blind:.1f} s")
+        silent = f"the panel has not read the rig for {blind:.1f} s; restart the panel"
+        return msgspec.structs.replace(self.status, link=silent)
 
     def act(self, name: str) -> None:
         """Trigger an action of the rig while it has no commander. Raises BenchError if it refuses."""
@@ -190,7 +191,7 @@ class Watch:
 
     def _connected(self) -> Listening:
         if self._listening is None:
-            raise LinkLost(f"the rig cannot be reached: {self.status.link}; check that it runs")
+            raise LinkLost(f"the rig cannot be reached: {self.status.link}")
         return self._listening
 
     # -- in the thread ---------------------------------------------------------------------------------------------
@@ -323,7 +324,7 @@ def _lacks_stop(rig: RigFile, path: Path) -> str:
         return str(error)
     if TO_SAFE not in wiring.absent or wiring.sequences.rest:
         return ""
-    return f"the wiring of {rig.name} has no {TO_SAFE} and no sequence to rest"
+    return f"the wiring of {rig.name} has no {TO_SAFE} and no sequence to rest; add one of them"
 
 
 def valves(listening: Listening) -> dict[str, str]:

@@ -105,8 +105,8 @@ def test_one_page_commands_at_a_time_and_everybody_with_the_token_stops(client, 
     [
         ({"plan": "nothing"}, "there is no plan 'nothing'"),
         ({"plan": "axial_stiffness", "set": {"nothing": "1"}}, "has no parameter nothing"),
-        ({"plan": 3}, "must be a text"),
-        ({"plan": "aw0", "set": [1]}, "must be a table"),
+        ({"plan": 3}, "is not a text"),
+        ({"plan": "aw0", "set": [1]}, "is not a table"),
     ],
 )
 def test_an_impossible_start_is_reported_and_no_process_starts(client, body, words, monkeypatch):
