@@ -228,7 +228,7 @@ def _make_room(out: Path, model: str) -> None:
     except OSError as error:
         raise DiagnosisError(f"{out} cannot be written: {reason(error)}") from None
     if not os.access(out if out.exists() else out.parent, os.W_OK):
-        raise DiagnosisError(f"{out} cannot be written: permission denied")
+        raise DiagnosisError(f"{out} cannot be written: change the permissions, or use another path")
 
 
 def _rows(found: Identification) -> list[Row]:

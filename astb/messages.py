@@ -169,7 +169,7 @@ class Messages:
 
         def take() -> None:
             if wrong := self._to.take(text, encoded):
-                self.warn(f"the message {text!r} was not delivered: {wrong}")
+                self.warn(f"the message {text!r} was not delivered: {wrong}; check the receiver of --message")
 
         threading.Thread(target=take, name="message").start()
 

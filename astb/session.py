@@ -363,7 +363,7 @@ def ready_line(process: subprocess.Popen[str]) -> str:
     finally:
         watchdog.cancel()
     reason = process.stderr.read().strip().removeprefix("astb: ")
-    reason = reason or f"it was not ready within {START_LIMIT:g} s"
+    reason = reason or f"it was not ready within {START_LIMIT:g} s; end other programs on this machine"
     error = RigFileError if process.wait() == MISUSE else LinkLost
     raise error(f"the rig could not be started: {reason}")
 

@@ -179,4 +179,5 @@ def _conclude(
         if story is not None:
             news.report(story, final=True)
             return
-    warn(f"the twin failed: {said.strip().splitlines()[-1] if said.strip() else 'without an error message'}")
+    text = said.strip().splitlines()[-1] if said.strip() else "without an error message"
+    warn(f"the twin failed: {text}; repeat it with `astb watch {directory}`")

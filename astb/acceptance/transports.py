@@ -32,6 +32,7 @@ _POLL: Final = 10 * ms
 _BUSY: Final = 2 * ms
 _THREADS: Final = 4
 _ROUNDS: Final = 10
+_REASON: Final = "state what is wrong, and how to correct it"
 #: Permitted lead of a time stamp over the clock: the difference between two clocks of one machine.
 _AHEAD: Final = round(5 * ms * NS)
 
@@ -122,7 +123,9 @@ class _Bench:
         deadline = self.clock.now() + round(self.subject.within * NS)
         while not condition():
             if self.clock.now() >= deadline:
-                raise Breach(f"{what}: timeout after {self.subject.within:g} s")
+                raise Breach(
+                    f"{what}: not reached within {self.subject.within:g} s; correct the transport, or increase `within`"
+                )
             self.wait(_POLL)
 
 
@@ -151,11 +154,11 @@ def _expect(error: type[Exception], what: str, call: Callable[[], object]) -> Ex
         call()
     except error as caught:
         if len(str(caught)) < 10:
-            raise Breach(f"{what}: {error.__name__} has no reason, only {str(caught)!r}") from None
+            raise Breach(f"{what}: {error.__name__} has no reason, only {str(caught)!r}; {_REASON}") from None
         return caught
     except Exception as other:
-        raise Breach(f"{what} raises {type(other).__name__} ({other}), not {error.__name__}") from None
-    raise Breach(f"{what} raises nothing, not {error.__name__}")
+        raise Breach(f"{what} raises {type(other).__name__} ({other}); raise {error.__name__}") from None
+    raise Breach(f"{what} raises nothing; raise {error.__name__}")
 
 
 def _before_connecting(subject: Subject) -> None:
@@ -164,7 +167,7 @@ def _before_connecting(subject: Subject) -> None:
     try:
         _expect(LinkLost, "read before connect", lambda: transport.read(list(subject.readable)))
         if transport.alive() != math.inf:
-            raise Breach(f"alive() = {transport.alive():g} s before connect; it must be infinite")
+            raise Breach(f"alive() = {transport.alive():g} s before connect; return math.inf")
     finally:
         transport.close()
 
@@ -194,9 +197,11 @@ def _no_answer(subject: Subject) -> None:
     took = (subject.clock.now() - start) / NS
     transport.close()
     if took > subject.within + 1 * s:
-        raise Breach(f"connect(within={subject.within:g}) took {took:.1f} s to refuse")
+        raise Breach(
+            f"connect(within={subject.within:g}) took {took:.1f} s to refuse; raise LinkLost in time"
+        )
     if listener.lost:
-        raise Breach(f"a loss was reported without a connection: {listener.lost[0]}")
+        raise Breach(f"a loss was reported without a connection: {listener.lost[0]}; only raise LinkLost")
 
 
 def _what_comes(subject: Subject) -> None:
@@ -217,20 +222,23 @@ def _what_comes(subject: Subject) -> None:
         # In virtual time the simulation runs first, and the clock follows.
         latest = now + _AHEAD if isinstance(bench.clock, RealClock) else end
         if type(time) is not int or not start - 10 * NS <= time <= latest:
-            raise Breach(f"the time {time!r} is not a time of the bench clock, which is at {now} ns")
+            raise Breach(
+                f"the time {time!r} is not a time of the bench clock, which is at {now} ns; convert it to this clock"
+            )
         if time < last:
-            raise Breach(f"the times go back: {time} ns after {last} ns")
+            raise Breach(f"the times go back: {time} ns after {last} ns; report values in order")
         last = time
         for name, value in points.items():
             transport.require(name)
             if type(value) is not float:
-                raise Breach(f"{name} = {value!r} is not a float")
+                raise Breach(f"{name} = {value!r} is not a float; convert it")
     for name in expected:
         times = [time for time, _, points in received if name in points]
         widest = max((b - a for a, b in itertools.pairwise(times)), default=0) / NS
         if widest > transport.stale(name):
             raise Breach(
-                f"{name} was missing for {widest:.3f} s; it is stale after {transport.stale(name):g} s"
+                f"{name} was missing for {widest:.3f} s, but is stale after {transport.stale(name):g} s; report it "
+                "more often, or increase its stale time"
             )
 
 
@@ -245,11 +253,13 @@ def _reading(subject: Subject) -> None:
         for asked in (names, names[::-1], names[:1]):
             found = bench.transport.read(asked)
             if list(found) != asked:
-                raise Breach(f"read({asked}) gives {list(found)}")
+                raise Breach(f"read({asked}) gives {list(found)}; return the requested points, in order")
             if wrong := {name: value for name, value in found.items() if type(value) is not float}:
-                raise Breach(f"read gives {wrong}, which are not floats")
+                raise Breach(f"read gives {wrong}, which are not floats; convert them")
         if not bench.transport.alive() <= subject.within:
-            raise Breach(f"alive() = {bench.transport.alive():g} s right after an answer")
+            raise Breach(
+                f"alive() = {bench.transport.alive():g} s right after an answer; return the time since the last answer"
+            )
 
 
 def _round_trip(subject: Subject) -> None:
@@ -295,11 +305,14 @@ def _empty_stream(subject: Subject) -> None:
             bench.wait(_POLL)
         after = bench.transport.read(backs)
         if bench.listener.lost:
-            raise Breach(f"the cycle without points lost the connection: {bench.listener.lost[0]}")
+            raise Breach(
+                f"the cycle without points lost the connection: {bench.listener.lost[0]}; accept such a cycle"
+            )
     for name in sorted({*subject.written.values(), *subject.streamed.values()}):
         if before[name] != after[name] and not math.isnan(before[name]):
             raise Breach(
-                f"{name} was {before[name]:g} before the cycle without points and is {after[name]:g} after it"
+                f"{name} was {before[name]:g} before the cycle without points and is {after[name]:g} after it; "
+                "write nothing in such a cycle"
             )
 
 
@@ -320,7 +333,9 @@ def _atomic_write(subject: Subject) -> None:
         bench.wait(max(3 * bench.transport.period, 5 * _POLL))
         for name, back in subject.written.items():
             if not _reads(bench.transport, back, old):
-                raise Breach(f"{name} = {new:g} was sent before the unknown point was noticed")
+                raise Breach(
+                    f"{name} = {new:g} was sent before the unknown point was noticed; check all names first"
+                )
 
 
 def _refusing(subject: Subject) -> None:
@@ -333,7 +348,7 @@ def _refusing(subject: Subject) -> None:
             _expect(Refused, f"write of {subject.refused}", partial(bench.transport.write, one))
         bench.transport.read(list(subject.readable))
         if bench.listener.lost:
-            raise Breach(f"the refusal was reported as a loss: {bench.listener.lost[0]}")
+            raise Breach(f"the refusal was reported as a loss: {bench.listener.lost[0]}; only raise Refused")
 
 
 def _unavailable(subject: Subject) -> None:
@@ -344,7 +359,7 @@ def _unavailable(subject: Subject) -> None:
         bench.wait(2 * bench.transport.period)
         value = bench.transport.read([subject.unavailable])[subject.unavailable]
     if not math.isnan(value):
-        raise Breach(f"{subject.unavailable} = {value:g}; it must be NaN")
+        raise Breach(f"{subject.unavailable} = {value:g} is not available; return NaN")
 
 
 def _threads(subject: Subject) -> None:
@@ -370,11 +385,13 @@ def _threads(subject: Subject) -> None:
         for thread in threads:
             thread.join(10 * subject.within)
         if any(thread.is_alive() for thread in threads):
-            raise Breach(f"{_THREADS} threads do not end: they block each other")
+            raise Breach(f"{_THREADS} threads do not end: they block each other; correct the locks")
         if failures:
-            raise Breach(failures[0])
+            raise Breach(f"{failures[0]}, while {_THREADS} threads use the transport; add a lock")
         if bench.listener.overlaps:
-            raise Breach(f"the listener was called {bench.listener.overlaps} times while it was busy")
+            raise Breach(
+                f"the listener was called {bench.listener.overlaps} times while it was busy; use one thread for it"
+            )
 
 
 def _closing(subject: Subject) -> None:
@@ -386,10 +403,14 @@ def _closing(subject: Subject) -> None:
         bench.transport.close()
         bench.wait(max(3 * bench.transport.period, 5 * _POLL))
         if len(bench.listener.samples) > count:
-            raise Breach(f"{len(bench.listener.samples) - count} callbacks came after close")
+            raise Breach(
+                f"{len(bench.listener.samples) - count} callbacks came after close; end the receiver in close"
+            )
         _expect(LinkLost, "read after close", lambda: bench.transport.read(list(subject.readable)))
         if bench.listener.lost:
-            raise Breach(f"closing was reported as a loss: {bench.listener.lost[0]}")
+            raise Breach(
+                f"closing was reported as a loss: {bench.listener.lost[0]}; report no loss after close"
+            )
 
 
 def _losing(subject: Subject) -> None:
@@ -410,12 +431,14 @@ def _losing(subject: Subject) -> None:
         start = bench.clock.now()
         _expect(LinkLost, "read after the loss", lambda: bench.transport.read(reads))
         if (bench.clock.now() - start) / NS > subject.within:
-            raise Breach(f"reading took more than {subject.within:g} s to report the lost connection")
+            raise Breach(
+                f"reading took more than {subject.within:g} s to report the lost connection; raise LinkLost in time"
+            )
         bench.wait(3 * bench.transport.period + 5 * _POLL)
         if len(bench.listener.lost) != 1:
-            raise Breach(f"the loss was reported {len(bench.listener.lost)} times")
+            raise Breach(f"the loss was reported {len(bench.listener.lost)} times; report it once")
         if len(bench.listener.lost[0]) < 10:
-            raise Breach(f"the reason of the loss is only {bench.listener.lost[0]!r}")
+            raise Breach(f"the reason of the loss is only {bench.listener.lost[0]!r}; {_REASON}")
 
 
 _RULES: Final[tuple[Callable[[Subject], None], ...]] = (

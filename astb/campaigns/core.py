@@ -60,7 +60,8 @@ def carried_out(
                 try:
                     packed = dumps((function, case, prepare))
                 except Exception as error:
-                    found.append(Finished(key, None, f"the case cannot be sent: {in_words(error)}", 0.0))
+                    text = f"the case cannot be sent: {in_words(error)}; use data that can be pickled"
+                    found.append(Finished(key, None, text, 0.0))
                     continue
                 future = client.submit(carry_out, key, packed, limit, key=f"case-{run}-{number}", pure=False)
                 running[future.key] = _Submitted(key, future, _CLOCK.now())

@@ -99,7 +99,7 @@ class Door:
                 return {"done": do, "bench": live is not None}
             case "answer":
                 if self._box is None:
-                    raise ValueError("this run receives its answers from another source, and not from here")
+                    raise ValueError("this run receives its answers from another source; answer there")
                 self._box.reply(order.get("text", ""), by, order.get("to", ""))
             case _:
                 raise ValueError(f"{do!r} is not a known order; use look, hold, resume, stop, safe or answer")
