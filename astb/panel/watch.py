@@ -280,7 +280,11 @@ class Watch:
         state, run = _choice(readings, "rig.state"), self._run()
         late, latest, lease = glimpse("rig.late_ticks"), glimpse("rig.lateness_max"), glimpse("rig.lease")
         told = readings.sample("rig.state")
-        silent = f"no message from the rig for {told.age:.1f} s" if told.quality is not Quality.GOOD else ""
+        silent = (
+            f"no message from the rig for {told.age:.1f} s; check the rig"
+            if told.quality is not Quality.GOOD
+            else ""
+        )
         return Status(
             link=silent,
             state=state,
