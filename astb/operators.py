@@ -89,7 +89,8 @@ class Terminal(QuestionBox):
         if self._lines.isatty() and not in_the_foreground(self._lines):
             # To read would stop this process, and with it the set-points of a bench under air.
             raise Unanswered(
-                "the process runs in the background of its terminal and cannot read an answer; start it in the foreground"
+                "the process runs in the background of its terminal and cannot read an answer; "
+                "start it in the foreground"
             )
         self._forget_what_was_typed()
         super().ask(question)
