@@ -36,7 +36,7 @@ Unknown units are refused.
 
 Upper and lower case are ignored if the unit is clear: `KN` is kN, but `mn` may be mN or MN and is refused. Units can be
 multiplied, divided and raised to powers: `N·m/rad`, `kgf/cm²`, `m s^-2`, `mm per sec`. A pressure can have its
-reference: `barg`, `bar(a)`, `kPa abs`. It must agree with `reading`.
+reference: `barg`, `bar(a)`, `kPa abs`. It must agree with `reading`. Plurals are read, too.
 """
 
 
@@ -58,6 +58,7 @@ def checks_page() -> str:
     for names, prefixes, si, factor, zero in SPELLINGS:
         with_prefixes = ", ".join(one for one in prefixes.split() if one != "-")
         size = f"{factor:.10g} {si}" + (f" + {zero:.10g} {si}" if zero else "")
-        spelled = ", ".join(f"`{one}`" for one in names.split())
+        singular = [one for one in names.split() if one[:-1] not in names.split() or not one.endswith("s")]
+        spelled = ", ".join(f"`{one}`" for one in singular)
         print(f"| {spelled} | {with_prefixes} | {size} |", file=out)
     return out.getvalue().rstrip() + "\n"

@@ -26,8 +26,8 @@ def faults_page() -> str:
     print(
         f"These {len(FAULTS)} faults can be [switched on and off](../how-to/simulate-faults.md) while a simulated rig\n"
         "runs. A fault with a target (a sensor, a side, an actuator) can be on for several targets, with the name\n"
-        "`FAULT.TARGET`. *Seen* is the behaviour that a client observes. Parameters of the table have only their\n"
-        "usual value at each fault.\n",
+        "`FAULT.TARGET`. *Seen* is the behaviour that a client observes. The usual value of each parameter is in\n"
+        "parentheses. Parameters of the table have only this value at each fault.\n",
         file=out,
     )
     _print_shared(out)
@@ -43,7 +43,7 @@ def _print_fault(fault: Fault, out: io.StringIO) -> None:
     print(f"### `{fault.name}`\n\n{fault.title}\n\n*Seen:* {fault.seen}\n", file=out)
     for one in fault.parameters:
         if one.name not in _shared():
-            usual = f", usually `{one.usual}`" if one.usual else ""
+            usual = f" (`{one.usual}`)" if one.usual else ""
             print(f"* `{one.name}`: {_span(one)}{usual}: {one.text}", file=out)
     shared = [
         f"`{one.name}`{f' (`{one.usual}`)' if one.usual else ''}"
