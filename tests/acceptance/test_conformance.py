@@ -1,10 +1,6 @@
 """The conformance suite: a sound rig passes, each faulty one is found, and two rigs are distinguished."""
 
-import re
 import struct
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
@@ -22,7 +18,6 @@ from astb.acceptance.conformance.suite import examine
 from astb.rig_in_memory import RigInMemory
 from bench_protocol.frames import Block
 from bench_protocol.modbus import refuse
-from bench_protocol.rates import SLOW_RATE
 from bench_protocol.rest import REST
 from bench_protocol.table import TABLE
 from bench_protocol.units import kN, mm
@@ -32,7 +27,6 @@ from bench_sim.rig.rig import Rig
 from bench_sim.rig.supervisor import Supervisor
 from tests.refusals import refuses
 
-PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "connect-a-rig.md"
 IDENTIFIER = {message.name: message.identifier for message in TABLE.messages}
 
 
@@ -220,14 +214,3 @@ def test_two_rigs_are_compared(sound, tmp_path):
     path.write_text("{}")
     with refuses(ReportError, "sound.json"):
         read_report(path)
-
-
-def test_the_page_reads_a_report(sound, tmp_path):
-    stand, _, _ = sound
-    (tmp_path / "local.json").write_bytes(stand.report.to_json())
-    text = PAGE.read_text()
-    programs = re.findall(r"^```python\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
-    (program,) = (one for one in programs if "local.json" in one)
-    command = [sys.executable, "-W", "ignore", "-c", program]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=30, check=True)
-    assert done.stdout == f"{SLOW_RATE:.1f} Hz at the slowest\n"
