@@ -352,9 +352,8 @@ def test_a_fault(copy: Copy) -> None:
 
 
 def test_a_transport(copy: Copy) -> None:
-    """The transport of the how-to moves into the tree: a separate package and one row."""
-    page = (ROOT / "docs/how-to/connect-a-rig.md").read_text(encoding="utf-8")
-    code = next(one for one in page.split("```python\n") if "class Controller" in one).split("```")[0]
+    """The example of a transport moves into the tree: a separate package and one row."""
+    code = (ROOT / "tests/foreign/lines.py").read_text(encoding="utf-8")
     folder = copy.folder / "drivers/wiring/lines_of_text"
     folder.mkdir()
     (folder / "__init__.py").write_text('"""The transport on lines of text."""\n', encoding="utf-8")

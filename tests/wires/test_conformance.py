@@ -1,20 +1,21 @@
-"""The conformance kit bites: the transport of the how-to keeps every rule, and each way to break one is found."""
+"""The conformance kit bites: the example of a transport keeps every rule, and each way to break one is found."""
 
 import contextlib
 import io
 import re
+import shutil
 import socketserver
 import threading
 import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 from astb.acceptance.transports import RuleResult, Subject, check_transport
 from drivers.errors import LinkLost, Refused
 from drivers.wiring.transports import open_transport
+from tests.foreign import lines
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "how-to" / "connect-a-rig.md"
 BLOCKS = re.findall(r"^```\w*\n(.*?)^```", PAGE.read_text(), flags=re.MULTILINE | re.DOTALL)
@@ -27,8 +28,6 @@ def block(words: str) -> str:
 
 
 POINTS = ["height", "target", "broken"]
-lines = ModuleType("lines")
-exec(compile(block("class Controller(Transport):"), "lines.py", "exec"), vars(lines))
 Good = lines.Controller
 
 
@@ -102,7 +101,7 @@ def test_the_how_tos_check_prints_what_the_page_shows(rig: Controller, dead_port
 
 def test_the_how_tos_wiring_file_finds_it(tmp_path: Path) -> None:
     table = tomllib.loads(block("[transports.press]"))["transports"]["press"]
-    (tmp_path / "lines.py").write_text(block("class Controller(Transport):"))
+    shutil.copy(lines.__file__, tmp_path)
     transport = open_transport("press", table, tmp_path)
     assert type(transport).__name__ == "Controller"
     transport.require("height")
