@@ -6,7 +6,7 @@ from bench_protocol.rest import CONNECTING, FITTED, REST
 from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from bench_protocol.units import kN, mm
-from bench_protocol.words import LIVE, SAFE
+from bench_protocol.words import SAFE
 from bench_sim.rig.in_force import NEAR
 from bench_sim.rig.states import SHUT_IN, TRANSITIONS, WAKING, Event
 
@@ -31,8 +31,8 @@ _REST: Final = """
 In both cases, values that wait for `action.apply` are replaced by the settings in force, and set-points by the measured
 values. A program of the generator has ended. `rig.program` is STOPPED while the bench holds, then IDLE.
 
-The end of a lease also resets the token, the watchdog of the writes, the control bits, the set-points of the CANopen
-objects, and the communication settings of the node (heartbeats, SYNC, transmission types). If a new commander takes a
+The end of a lease also resets the token, the watchdog of the writes and the control bits. In CANopen, it resets
+set-points and communication settings (heartbeats, SYNC, transmission types). If a new commander takes a
 bench in FAULT_HOLD, the bench first goes to the safe position.
 
 The reason, the limit that tripped first and emergencies stay until a reset. Counters continue.
@@ -44,8 +44,8 @@ The first set-point in the control mode of an actuator releases it. A change of 
 it does the same. Then it starts at its present position, and moves to the set-point at the rate of set-points.
 Actuators without load are active in HOLD, with zero force.
 
-All actuators also stay blocked until the first set-point if HOLD or ACTIVE begins again while an actuator is more than
-{far_force} or {far} from its set-point. Venting continues until 20 s after the springs are empty, or until a client
+If HOLD or ACTIVE begins again while an actuator is more than {far_force} or {far} from its set-point, all actuators
+stay blocked until the first set-point. Venting continues until 20 s after the springs are empty, or until a client
 applies settings.
 """
 
@@ -56,14 +56,11 @@ def rest_page(decision: str) -> str:
     for row in TRANSITIONS:
         if row.target in (*SAFE, *SHUT_IN) and row.event not in WAKING:
             ends[row.event, row.target.name] = row.target in SAFE
-    faults = sorted(
-        {row.event.value for row in TRANSITIONS if row.source in LIVE and row.target.name == "FAULT_REACTION"}
-    )
     lines = [_HEAD.format(decision=decision), _ENDS]
     for (event, target), vented in ends.items():
         bench, back = ("safe", "all") if vented else ("held", "all but the valves between chambers")
         lines.append(f"| {event.value} | {target} | {bench} | {back} |")
-    lines += ["", f"These events start a reaction, which takes one tick: {'; '.join(faults)}.", _SETTINGS]
+    lines += ["", "A reaction takes one tick. [States](states.md) lists the events that start it.", _SETTINGS]
     lines.append("| `car.…` | 0 | held |")
     for signal in TABLE.of_kind(Kind.SETTING):
         if signal.name.startswith("car."):
