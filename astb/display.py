@@ -43,17 +43,17 @@ class _Screen(Progress):
     _empty = False
 
     @property
-    def _asked(self) -> bool:
+    def _question_open(self) -> bool:
         run = self.run  # read once, because it may be over at the next read
         return run is not None and run.question is not None
 
     def refresh(self) -> None:
         """Draw; draw an empty screen only once."""
-        if not (self._empty and self._asked):
+        if not (self._empty and self._question_open):
             super().refresh()
 
     def get_renderables(self) -> Iterable[RenderableType]:
-        self._empty = self._asked
+        self._empty = self._question_open
         if self._empty:
             return
         yield from super().get_renderables()

@@ -139,7 +139,7 @@ def identify_data(request: IdentificationRequest, out: Path | None, console: "Co
         if ahead:
             progress(f"looking ahead to {ahead.name}", 0.9)
             answer = expected(found, experiments({ahead.name: ahead}, rig=rig_of(unknown.parameters)))
-        elif untold := [one for one in _asked(found) if not one.determined]:
+        elif untold := [one for one in _requested_parameters(found) if not one.determined]:
             progress("looking for a run that identifies more parameters", 0.9)
             further = list(_further(found, untold, unknown.parameters))
     if out is not None:
@@ -232,17 +232,17 @@ def _make_room(out: Path, model: str) -> None:
 
 
 def _rows(found: Identification) -> list[Row]:
-    return [_row(one, ASKED[quantity(one.parameter.name)].title) for one in _asked(found)]
+    return [_row(one, ASKED[quantity(one.parameter.name)].title) for one in _requested_parameters(found)]
 
 
-def _asked(found: Identification) -> list[Identified]:
+def _requested_parameters(found: Identification) -> list[Identified]:
     return [one for one in found.parameters if quantity(one.parameter.name) in ASKED]
 
 
 def _further(found: Identification, untold: Sequence[Identified], parameters: "Parameters") -> Iterator[str]:
     """Yield the experiments that would determine the remaining quantities."""
     runs = experiments({IDENTIFICATION.name: IDENTIFICATION}, rig=rig_of(parameters))
-    after = {one.parameter.name: one for one in _asked(expected(found, runs))}
+    after = {one.parameter.name: one for one in _requested_parameters(expected(found, runs))}
     for one in untold:
         there = after[one.parameter.name]
         what = (
@@ -308,7 +308,7 @@ def write_springs(
     path: Path, found: Identification, dataset: "Dataset", parameters: "Parameters", based_on: str
 ) -> None:
     """Write the identified model, with the interval of each parameter as a comment. Raises DiagnosisError."""
-    asked = _asked(found)
+    asked = _requested_parameters(found)
     base = based_on if Path(based_on).suffix != ".toml" else os.path.relpath(based_on, path.parent)
     stated, effects = _stated(parameters, load(based_on))
     changes = stated | changes_of({one.parameter.name: one.value for one in asked}, parameters)

@@ -152,9 +152,11 @@ class Messages:
 
     def operator(self, operator: "Operator | None", plan: str) -> "Operator | None":
         """Return ``operator``, with a message for each question that waits for an answer."""
-        return _Called(operator, self._asked, plan) if isinstance(operator, QuestionBox) else operator
+        return (
+            _Called(operator, self._report_question, plan) if isinstance(operator, QuestionBox) else operator
+        )
 
-    def _asked(self, plan: str, question: "Question") -> None:
+    def _report_question(self, plan: str, question: "Question") -> None:
         self._send(
             f"{plan} asks: {question.text}",
             event="question",

@@ -121,11 +121,11 @@ class Terminal(QuestionBox):
         try:
             with suppress(OSError, ValueError):  # the terminal is gone, or its input is not text
                 while self._wanted.wait() and (line := self._lines.readline()):
-                    self._take(line)
+                    self._process_line(line)
         finally:  # after any error, this terminal gives no more answers
             self._ended = True
 
-    def _take(self, line: str) -> None:
+    def _process_line(self, line: str) -> None:
         question = self.question
         if question is None or not line.strip():
             return

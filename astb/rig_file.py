@@ -149,7 +149,7 @@ def read(path: Path) -> RigFile:
                 f'name the rig file {RIG}, and put {OF_A_RIG[_PARTS[key]]} there, or inherit: like = "{ORDINARY}"',
             )
     beside = [key for key in ("can", "modbus", "simulation") if key in content]
-    own, inherited = _parts(path, rig.like)
+    own, inherited = _files_of_rig(path, rig.like)
     if not beside:
         own = inherited | own
     elif rig.wiring or "wiring" in own:
@@ -163,7 +163,9 @@ def read(path: Path) -> RigFile:
     return rig if rig.simulation is None else replace(rig, simulation=_placed(rig.simulation, path.parent))
 
 
-def _parts(path: Path, like: str, above: tuple[Path, ...] = ()) -> tuple[dict[str, Path], dict[str, Path]]:
+def _files_of_rig(
+    path: Path, like: str, above: tuple[Path, ...] = ()
+) -> tuple[dict[str, Path], dict[str, Path]]:
     """Return the other files of the rig at ``path`` by their keys: its own, and those of the rig it is ``like``.
 
     A copy of the virtual bench's wiring counts as no wiring: a rig without a wiring has our messages and registers.
@@ -180,7 +182,7 @@ def _parts(path: Path, like: str, above: tuple[Path, ...] = ()) -> tuple[dict[st
         raise RigFileError(
             f"rig file {path}: like = {like!r} leads back to this rig; name another rig, or omit like"
         )
-    theirs, inherited = _parts(other, str(_content(other).get("like", "")), above)
+    theirs, inherited = _files_of_rig(other, str(_content(other).get("like", "")), above)
     return own, inherited | theirs
 
 

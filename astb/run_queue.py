@@ -71,7 +71,7 @@ def queued(
     with file:
         try:
             if told:
-                wait_while(lambda: _before(folder, mine), told)
+                wait_while(lambda: _tickets_before(folder, mine), told)
             with locked(folder):
                 mine.write_bytes(msgspec.json.encode(replace(ticket, since=datetime.now(UTC))))
             yield
@@ -79,7 +79,7 @@ def queued(
             mine.unlink(missing_ok=True)
 
 
-def _before(folder: Path, mine: Path) -> list[Ticket]:
+def _tickets_before(folder: Path, mine: Path) -> list[Ticket]:
     """Return the valid tickets before ``mine``, the first with the rig; remove void ones."""
     found = []
     with locked(folder):

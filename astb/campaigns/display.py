@@ -50,9 +50,9 @@ class CampaignDisplay:
         """Show the present state of the campaign."""
         row = standing.row
         if not row and standing.before:
-            self._say(f"{standing.before} of {standing.total} cases are kept already")
+            self._print_line(f"{standing.before} of {standing.total} cases are kept already")
         if row and row["error"]:
-            self._say(f"{row['key']}: {row['error']}")
+            self._print_line(f"{row['key']}: {row['error']}")
         self._bar.update(
             self._task,
             total=standing.total,
@@ -62,9 +62,11 @@ class CampaignDisplay:
         due = standing.elapsed - self._reported >= BETWEEN or not standing.left
         if row and due and not self._console.is_terminal:
             self._reported = standing.elapsed
-            self._say(f"{standing.before + standing.done} of {standing.total} cases{_progress(standing)}")
+            self._print_line(
+                f"{standing.before + standing.done} of {standing.total} cases{_progress(standing)}"
+            )
 
-    def _say(self, text: str) -> None:
+    def _print_line(self, text: str) -> None:
         self._console.print(text, soft_wrap=True)
 
 

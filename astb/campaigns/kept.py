@@ -55,7 +55,7 @@ class KeptRows:
             import pyarrow.compute as pc
 
             table = table.filter(pc.equal(table["error"], ""))
-        numbers = (int(path.stem.removeprefix("part-")) for path in _parts(self.directory))
+        numbers = (int(path.stem.removeprefix("part-")) for path in _part_files(self.directory))
         self._count = max(numbers, default=-1) + 1
         self._replace_all(table)
         self._schema = table.schema
@@ -93,7 +93,7 @@ class KeptRows:
 
     def _replace_all(self, table: "pa.Table") -> None:
         """Replace all parts by one with ``table``."""
-        old = _parts(self.directory)
+        old = _part_files(self.directory)
         if table.num_rows:
             _write(table, self._next_part())
         for path in old:
@@ -110,7 +110,7 @@ def read_table(directory: Path) -> "pa.Table":
     import pyarrow.parquet as pq
 
     try:
-        parts = [pq.read_table(path, partitioning=None) for path in _parts(directory)]
+        parts = [pq.read_table(path, partitioning=None) for path in _part_files(directory)]
         if not parts:
             return pa.table({"key": pa.array([], pa.string())})
         whole = pa.concat_tables(parts, promote_options="permissive")
@@ -130,7 +130,7 @@ def read_rows(directory: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def _parts(directory: Path) -> list[Path]:
+def _part_files(directory: Path) -> list[Path]:
     found = directory.glob("part-*.parquet")
     return sorted(path for path in found if path.stem.removeprefix("part-").isdigit())
 

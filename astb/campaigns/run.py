@@ -84,14 +84,14 @@ def run_cases(
                 ended = carried_out(present, function, left, limit=limit, prepare=prepare)
                 with closing(ended):
                     for number, one in enumerate(ended, 1):
-                        row = _keep(kept, one, dict(facts(left[one.key])) if facts else {})
+                        row = _store_row(kept, one, dict(facts(left[one.key])) if facts else {})
                         failed += bool(row["error"])
                         report(number, row)
     rows = {row["key"]: row for row in read_rows(Path(out))}
     return [rows[key] for key in cases]
 
 
-def _keep(kept: KeptRows, one: Finished, facts: dict[str, Any]) -> dict[str, Any]:
+def _store_row(kept: KeptRows, one: Finished, facts: dict[str, Any]) -> dict[str, Any]:
     """Store the row of a case, and return it; a row with values that cannot be stored is replaced by an error."""
     known = {"key": one.key, **facts}
     content = {"error": one.error, "seconds": one.seconds, "worker": one.worker}

@@ -28,7 +28,7 @@ def fault_command() -> None:
 @_PORT
 def list_command(rig_named: str | None, modbus_port: int | None) -> None:
     """List all faults, their parameters, and the active faults."""
-    answer = _ask(rig_named, modbus_port, {"do": "list"})
+    answer = _send_order(rig_named, modbus_port, {"do": "list"})
     on = answer["on"]
     place = ""
     for fault in answer["faults"]:
@@ -69,7 +69,7 @@ def on_command(
     }
     if lasting is not None:
         order["for"] = lasting
-    for active in _ask(rig_named, modbus_port, order)["on"]:
+    for active in _send_order(rig_named, modbus_port, order)["on"]:
         click.echo(f"on: {_active_text(active)}")
 
 
@@ -82,11 +82,11 @@ def off_command(name: str, rig_named: str | None, modbus_port: int | None) -> No
 
     NAME is a fault such as leak, or a fault at one place such as leak.left.
     """
-    off = _ask(rig_named, modbus_port, {"do": "off", "name": name})["off"]
+    off = _send_order(rig_named, modbus_port, {"do": "off", "name": name})["off"]
     click.echo(f"off: {', '.join(off)}" if off else "no fault was on")
 
 
-def _ask(rig_named: str | None, modbus_port: int | None, order: dict[str, Any]) -> Any:
+def _send_order(rig_named: str | None, modbus_port: int | None, order: dict[str, Any]) -> Any:
     """Return the answer of the rig to ``order``; end the command if there is no rig, or if it refuses."""
     from bench_sim.rig.control_socket import ask, control_path
 

@@ -51,7 +51,10 @@ def _structure(name: str, units: Mapping[str, Unit]) -> bytes:
     for source, sink, variable in connections:
         ends = {"startElement": source, "endElement": sink}
         ends = {end: component for end, component in ends.items() if component}
-        ends |= {"startConnector": _seen(source, variable), "endConnector": _seen(sink, variable)}
+        ends |= {
+            "startConnector": _connector_name(source, variable),
+            "endConnector": _connector_name(sink, variable),
+        }
         SubElement(listed, f"{{{_SSD}}}Connection", ends)
     defined = SubElement(root, f"{{{_SSD}}}Units")
     for unit in sorted({variable.unit for *_, variable in connections}):
@@ -84,7 +87,7 @@ def _connections(units: Mapping[str, Unit]) -> Iterator[_Connection]:
                 yield "", component, one
 
 
-def _seen(component: str, variable: Variable) -> str:
+def _connector_name(component: str, variable: Variable) -> str:
     """Return the name of a connector; ``car.wind`` of the system could also mean ``wind`` of its component ``car``."""
     return variable.name if component else variable.name.replace(".", "_")
 
@@ -98,7 +101,7 @@ def _connectors(element: Element, component: str, connections: Sequence[_Connect
             one = SubElement(
                 listed,
                 f"{{{_SSD}}}Connector",
-                name=_seen(component, variable),
+                name=_connector_name(component, variable),
                 kind="input" if inward else "output",
             )
             SubElement(one, f"{{{_SSC}}}Real", unit=variable.unit)

@@ -69,7 +69,7 @@ class LimitWatch:
             self._tick += part
             ticks -= part
             if self._tick % FAST == 0 and self.over is None:
-                self._look()
+                self._sample_detectors()
         return blocks[0] if len(blocks) == 1 else join(blocks)
 
     def closest(self) -> list[Closest]:
@@ -86,7 +86,7 @@ class LimitWatch:
             )
         ]
 
-    def _look(self) -> None:
+    def _sample_detectors(self) -> None:
         self._looked = self._tick
         judged, tripped = self._detectors["judged"], self._detectors["tripped"] != 0
         self._judged[self._count] = judged

@@ -62,9 +62,9 @@ class _Examination:
         asked = [one for one in told if one.name not in lines] + [
             one for one in self.table.of_kind(Kind.SETTING) if one.name not in (*wiring.absent, *played)
         ]
-        lines |= {one.name: self._asked(one) for one in asked}
+        lines |= {one.name: self._line_on_request(one) for one in asked}
         state = self._state(lines)
-        lines = self._judged(lines, at_rest=state in (*wiring.sequences.at_rest, "unknown"))
+        lines = self._mark_doubtful(lines, at_rest=state in (*wiring.sequences.at_rest, "unknown"))
         for one in self.table.signals:
             if one.name in wiring.absent and (
                 one.name in _EXPECTED or not one.name.startswith(_OURS) or self._reasoned(one.name)
@@ -119,7 +119,7 @@ class _Examination:
         age = (now - capture.start) / NS - float(times[-1])
         return self._line(signal, mean, source, rate=times.size / LISTEN, age=age)
 
-    def _asked(self, signal: Signal) -> SignalLine:
+    def _line_on_request(self, signal: Signal) -> SignalLine:
         """Return the line of a signal that the rig sends only on request."""
         source = self.wiring.source(signal.name)
         try:
@@ -159,7 +159,7 @@ class _Examination:
             age=age,
         )
 
-    def _judged(self, lines: dict[str, SignalLine], *, at_rest: bool) -> dict[str, SignalLine]:
+    def _mark_doubtful(self, lines: dict[str, SignalLine], *, at_rest: bool) -> dict[str, SignalLine]:
         means = {
             name: math.nan if line.value is None else line.value
             for name, line in lines.items()

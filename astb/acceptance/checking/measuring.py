@@ -123,9 +123,9 @@ class Measuring:
         """Press one spring while the other hangs free: the moment divided by the force of the cells is its position."""
         for side in SIDES:
             self._to(LOW, LOW)
-            before = self._still()
+            before = self._readings_at_rest()
             self._tilt(side, HIGH)
-            self._keep(before, side)
+            self._store_change(before, side)
             self._to(LOW, LOW)
             self._press(side)
         self._to(LOW, LOW)
@@ -172,9 +172,9 @@ class Measuring:
         left, right = (up if one == side else other for one in SIDES)
         self._to(left, right, PRESS_RATE)
 
-    def _keep(self, before: Mapping[str, tuple[float, float]], side: str) -> None:
+    def _store_change(self, before: Mapping[str, tuple[float, float]], side: str) -> None:
         """Store the change of all readings since ``before``; only the spring of one ``side`` has moved."""
-        after = self._still()
+        after = self._readings_at_rest()
         change = {name: complex(after[name][0] - before[name][0]) for name in self._names}
         noise = {name: hypot(after[name][1], before[name][1]) for name in self._names}
         self._motions.append(Motion(0.0, change, noise, side))
@@ -224,16 +224,16 @@ class Measuring:
             if carries >= PRESSED:
                 break
             if carries >= CONTACT and before is None:
-                before = self._still()
+                before = self._readings_at_rest()
             if carries > carried + 0.1 * kN and carries > CONTACT:
                 stiffness = (carries - carried) / step
                 step = min(step, STEP_FORCE / stiffness)
             carried = carries
             low -= step
         if before is not None:
-            self._keep(before, side)
+            self._store_change(before, side)
 
-    def _still(self) -> dict[str, tuple[float, float]]:
+    def _readings_at_rest(self) -> dict[str, tuple[float, float]]:
         """Return the mean of each reading at rest, and its standard deviation."""
         with self._bench.capture(*self._names) as capture:
             self._bench.wait(REST)

@@ -147,7 +147,10 @@ class _Moves:
         noise = _NOISE[signal.si]
         good = abs(found - right) <= max(noise, _BAND * abs(right))
         self.note(
-            what, good, signal.show(found) + ("" if good else _why(found, right, noise)), signal.show(right)
+            what,
+            good,
+            signal.show(found) + ("" if good else _describe_mismatch(found, right, noise)),
+            signal.show(right),
         )
 
     def _latency(self, name: str, times: np.ndarray, values: np.ndarray, change: float, lasts: float) -> None:
@@ -164,7 +167,7 @@ class _Moves:
         )
 
 
-def _why(found: float, right: float, noise: float) -> str:
+def _describe_mismatch(found: float, right: float, noise: float) -> str:
     if abs(found) <= noise:
         return ": it does not move"
     if found * right < 0 and abs(found + right) <= max(noise, _BAND * abs(right)):

@@ -44,7 +44,7 @@ def leave(line: ModbusConnection, *, targets: bool) -> bool:
         values |= TARGETS
     _apply(line, values)
     found = _in_force(line)
-    return all(_same(found[name], value) for name, value in values.items())
+    return all(_equal_in_single_precision(found[name], value) for name, value in values.items())
 
 
 def note_rest(access: RawAccess, book: Notebook, end: str) -> None:
@@ -68,12 +68,16 @@ def _apply(line: ModbusConnection, values: Mapping[str, float]) -> None:
 
 def _left(line: ModbusConnection) -> dict[str, float]:
     """Return the settings in force that differ from rest, SI."""
-    return {name: value for name, value in _in_force(line).items() if not _same(value, REST[name])}
+    return {
+        name: value
+        for name, value in _in_force(line).items()
+        if not _equal_in_single_precision(value, REST[name])
+    }
 
 
 def _in_force(line: ModbusConnection) -> dict[str, float]:
     return {name: line.number(address) for name, address in _IN_FORCE.items()}
 
 
-def _same(value: float, other: float) -> bool:
+def _equal_in_single_precision(value: float, other: float) -> bool:
     return math.isclose(value, other, rel_tol=1e-6)  # registers and messages carry single-precision floats

@@ -82,12 +82,12 @@ def differences(here: Report, there: Report) -> list[Difference]:
         other = others.get((one.group, one.what))
         if other is None or one.outcome is Outcome.SKIPPED:
             continue
-        if one.outcome is not other.outcome or not _alike(one, other):
+        if one.outcome is not other.outcome or not _observations_agree(one, other):
             found.append(Difference(one.group, one.what, one.found, other.found))
     return found
 
 
-def _alike(one: Observation, other: Observation) -> bool:
+def _observations_agree(one: Observation, other: Observation) -> bool:
     if one.value is None or other.value is None:
         return one.found == other.found
     return abs(one.value - other.value) <= max(one.apart, other.apart)

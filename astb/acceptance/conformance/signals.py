@@ -39,7 +39,8 @@ def listen(bench: "Bench") -> list[Notebook]:
     coming = [
         signal
         for signal in _present(bench, *_COME)
-        if _comes(bench, signal) and (bench.wiring.capabilities.generator or signal.name not in _PLAYED)
+        if _sent_periodically(bench, signal)
+        and (bench.wiring.capabilities.generator or signal.name not in _PLAYED)
     ]
     with bench.capture(*(signal.name for signal in coming)) as capture:
         bench.wait(LISTEN)
@@ -157,7 +158,7 @@ def _hold(bench: "Bench", book: Notebook) -> None:
 @contextmanager
 def _watched(bench: "Bench", book: Notebook, what: str) -> Iterator[None]:
     """Record the largest motion during the block, named ``what``, and shortly after it."""
-    told = [one.name for one in _present(bench, *MEASURED) if _comes(bench, one)]
+    told = [one.name for one in _present(bench, *MEASURED) if _sent_periodically(bench, one)]
     with bench.capture(*(name for name in (*PLACES, *PRESSURES) if name in told)) as capture:
         bench.wait(2 * OVER)
         yield
@@ -231,7 +232,7 @@ def _limit(bench: "Bench", signal: Signal) -> int:
     return int(bench.wiring.freshness[bench.table.index[signal.name]])
 
 
-def _comes(bench: "Bench", signal: Signal) -> bool:
+def _sent_periodically(bench: "Bench", signal: Signal) -> bool:
     return 0 < _limit(bench, signal) < _EVENTS
 
 
