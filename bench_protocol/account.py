@@ -46,11 +46,11 @@ class Account:
     def left_out(self) -> str:
         """The skipped items as text: "50 CAN FD frames, 1 error frame"; empty if there are none."""
         return ", ".join(
-            f"{count} {what.replace('(s)', '' if count == 1 else 's')}{self._where(what, count)}"
+            f"{count} {what.replace('(s)', '' if count == 1 else 's')}{self._first_as_text(what, count)}"
             for what, count in self.counts.items()
         )
 
-    def _where(self, what: str, count: int) -> str:
+    def _first_as_text(self, what: str, count: int) -> str:
         if what not in self.first:
             return ""
         return f" ({self.first[what]})" if count == 1 else f" (the first: {self.first[what]})"

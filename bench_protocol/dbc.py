@@ -134,7 +134,7 @@ def _own_name(coding: Coding, twice: bool, messages: Mapping[str, Described]) ->
     name = f"{coding.name}_{coding.frame_id:#x}" if twice else coding.name
     count = 1
     while name in messages:
-        if _alike(messages[name].coding, coding):
+        if _same_coding(messages[name].coding, coding):
             return None
         count += 1
         name = f"{coding.name}_{coding.frame_id:#x}_{count}"
@@ -207,7 +207,7 @@ def _says_j1939(base: Any) -> bool:
     return one is not None and str(one.value).strip().lower() == "j1939"
 
 
-def _alike(one: Coding, other: Coding) -> bool:
+def _same_coding(one: Coding, other: Coding) -> bool:
     """Return whether two descriptions with the same name and identifier are equal."""
 
     def layout(coding: Coding) -> list[object]:

@@ -30,7 +30,7 @@ EXTRAS: Final = {
 
 def installed(extra: str) -> bool:
     """Return whether all libraries of an extra are installed, without importing them."""
-    return all(map(_found, EXTRAS[extra].libraries))
+    return all(map(_is_installed, EXTRAS[extra].libraries))
 
 
 def lacking(extra: str, who: str) -> str:
@@ -63,7 +63,7 @@ def requirements(extra: str) -> list[str]:
     return [name + versions.get(name, "") for name in EXTRAS[extra].libraries]
 
 
-def _found(library: str) -> bool:
+def _is_installed(library: str) -> bool:
     try:
         return find_spec(library) is not None
     except ValueError:  # None marks a module as missing
