@@ -90,10 +90,10 @@ def meanings(checks: list[Check]) -> list[Meaning]:
     for one in checks:
         if one.about:
             named.setdefault(one.about, {})[primed(one.name)] = None
-    return [Meaning(_some(list(names)), about) for about, names in named.items()]
+    return [Meaning(_join_names(list(names)), about) for about, names in named.items()]
 
 
-def _some(names: list[str]) -> str:
+def _join_names(names: list[str]) -> str:
     more = len(names) - NAMED
     return "; ".join(names) if more <= 1 else f"{'; '.join(names[:NAMED])}; and {more} like these"
 

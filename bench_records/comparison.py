@@ -156,11 +156,13 @@ def _curve_pairs(a: list[Curve], b: list[Curve]) -> tuple[list[CurvePair], list[
         if one is None or other is None:
             lonely.append(f"{group + ': ' if group else ''}{name} only in {'A' if one else 'B'}")
         else:
-            pairs.append(CurvePair(group=group, name=name, a=one, b=other, apart=_apart(one, other)))
+            pairs.append(
+                CurvePair(group=group, name=name, a=one, b=other, apart=_relative_difference(one, other))
+            )
     return pairs, lonely
 
 
-def _apart(a: Curve, b: Curve) -> float | None:
+def _relative_difference(a: Curve, b: Curve) -> float | None:
     """Return the relative r.m.s. difference of two sweeps at the abscissas of A in the common range; B interpolated."""
     import numpy as np
 

@@ -123,7 +123,7 @@ class RunIndex:
         """Return the runs, oldest first, whose columns (``plan``, ``verdict``, …) equal ``chosen``; None matches any
         value.
         """
-        where, values = _where(chosen)
+        where, values = _where_clause(chosen)
         with self._fresh() as base:
             rows = base.execute(
                 f"select {', '.join(_RUN)} from run {where} order by began, directory", values
@@ -136,7 +136,7 @@ class RunIndex:
         Without a name, return all checks that verify a requirement.
         """
         named = "judged.requirement <> ''" if name is None else "judged.name = ?"
-        where, values = _where(chosen, "run.")
+        where, values = _where_clause(chosen, "run.")
         columns = ", ".join([f"judged.{one}" for one in _CHECK] + [f"run.{one}" for one in _RUN])
         with self._fresh() as base:
             rows = base.execute(
@@ -320,7 +320,7 @@ def _store(base: sqlite3.Connection, table: str, row: dict[str, Any]) -> None:
     base.execute(f"insert into {table} ({', '.join(row)}) values ({marks})", tuple(row.values()))
 
 
-def _where(chosen: dict[str, str | None], prefix: str = "") -> tuple[str, tuple[str, ...]]:
+def _where_clause(chosen: dict[str, str | None], prefix: str = "") -> tuple[str, tuple[str, ...]]:
     values = {name: value for name, value in chosen.items() if value is not None}
     unknown = values.keys() - set(_RUN)
     if unknown:

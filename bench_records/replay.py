@@ -43,7 +43,7 @@ def replay_of(record: Record, numbers: PlotData) -> dict[str, Any] | None:
         "signals": signals,
         "settings": [
             (
-                _when(record, event),
+                _event_time(record, event),
                 {name: value for name, value in event.data.items() if name.startswith("air.")},
             )
             for event in record.events
@@ -52,7 +52,7 @@ def replay_of(record: Record, numbers: PlotData) -> dict[str, Any] | None:
         "states": _states(record),
         "phases": [(round(phase.start, 3), phase.name) for phase in record.phases],
         "trips": [
-            (_when(record, event), event.data.get("signal", ""))
+            (_event_time(record, event), event.data.get("signal", ""))
             for event in record.events
             if event.kind == TRIP
         ],
@@ -108,10 +108,10 @@ def _states(record: Record) -> list[tuple[float, str]]:
 
 
 def _events(record: Record) -> list[tuple[float, str]]:
-    events = [(_when(record, event), event.text or event.kind) for event in tabled_events(record)]
+    events = [(_event_time(record, event), event.text or event.kind) for event in tabled_events(record)]
     events += [(round(phase.start, 3), f"phase {phase.name}") for phase in record.phases]
     return sorted(events)[:_EVENTS]
 
 
-def _when(record: Record, event: Any) -> float:
+def _event_time(record: Record, event: Any) -> float:
     return round(record.time_of(event), 3)

@@ -164,7 +164,7 @@ def curve_panel(name: str, title: str, curves: Sequence[Curve]) -> str:
     foot = _joined(x.label, unit(x.unit), paper.horizontal_scale(ticks=ticks))
     paper.write(paper.right, paper.bottom + 21.96, foot, size=8.5, anchor="end")
     for trace in traces:
-        paper.line(trace.xs, trace.ys, _look(trace, pointed=pointed))
+        paper.line(trace.xs, trace.ys, _line_style(trace, pointed=pointed))
         _error_bars(paper, trace)
     paper.mark_scale_without_zero()
     if len(traces) > 1:
@@ -172,7 +172,7 @@ def curve_panel(name: str, title: str, curves: Sequence[Curve]) -> str:
     return paper.drawn(name)
 
 
-def _look(trace: Trace, *, pointed: bool) -> Look:
+def _line_style(trace: Trace, *, pointed: bool) -> Look:
     line = Look(trace.color, trace.width, trace.dash)
     if not pointed:
         return line
@@ -186,7 +186,7 @@ def _labels_below(paper: Sheet, traces: Sequence[Trace], *, pointed: bool) -> No
         wide = SWATCH + 4.0 + WORD_WIDTH * len(trace.label)
         if left > paper.left and left + wide > paper.right:
             left, down = paper.left, down + 12.0
-        look = _look(trace, pointed=pointed)
+        look = _line_style(trace, pointed=pointed)
         paper.stroke((left, left + SWATCH), (down, down), look._replace(dot=0.0, bar=0.0))
         paper.stroke([left + SWATCH / 2], [down], look)
         paper.write(left + SWATCH + 4.0, down + 8.0 * OF_WORDS, trace.label, size=8.0, color=INK)

@@ -58,7 +58,7 @@ def opened(path: Path) -> Iterator[Any]:
             f"{path} is not an MDF file: it does not begin with MDF; use the ending of its format"
         )
     with no_destructor_errors():
-        mdf = _made(MDF, path)
+        mdf = _open_or_none(MDF, path)
     if mdf is None:
         raise RecordError(f"{path} is damaged, or asammdf cannot read this kind of MDF file; export it again")
     with mdf:
@@ -67,7 +67,7 @@ def opened(path: Path) -> Iterator[Any]:
         yield mdf
 
 
-def _made(kind: Any, path: Path) -> Any:
+def _open_or_none(kind: Any, path: Path) -> Any:
     try:
         return kind(path)
     except Exception:  # asammdf has its own exception and raises others, too

@@ -218,7 +218,7 @@ class _Rows:
                     if self._is_row(self.start + number, row):
                         good.append(row)
                         self.numbers.append(self.start + number)
-                self._keep(good)
+                self._append_rows(good)
         except csv.Error:
             raise RecordError(
                 f"{self.path}: a quotation mark after line {number} is not closed; close or remove it"
@@ -280,7 +280,7 @@ class _Rows:
             "there"
         )
 
-    def _keep(self, rows: list[list[str]]) -> None:
+    def _append_rows(self, rows: list[list[str]]) -> None:
         import pyarrow as pa
 
         if not rows:
