@@ -28,7 +28,7 @@ _BYTES_PER_FRAME: Final = 64
 _AHEAD: Final = 0.05
 
 
-def _whole(block: Block, peer: str) -> Block:
+def _pass_unchanged(block: Block, peer: str) -> Block:
     """Return the frames unchanged."""
     del peer
     return block
@@ -91,11 +91,11 @@ class _CanClient(Connection):
                 self._waking = self.loop.call_later(wait, self._read)
                 return
             portion, self._unread = self._unread[:_BYTES_AT_ONCE], self._unread[_BYTES_AT_ONCE:]
-            frames = max(self._take(portion), len(portion) // _BYTES_PER_FRAME)
+            frames = max(self._process_lines(portion), len(portion) // _BYTES_PER_FRAME)
             self._paid_until = max(now, self._paid_until) + frames * self._hub.time_per_frame(self)
         self.transport.resume_reading()
 
-    def _take(self, data: bytes) -> int:
+    def _process_lines(self, data: bytes) -> int:
         """Process the lines in ``data``; return their number."""
         lines = 0
         for event in self._parser.feed(data):
@@ -203,7 +203,7 @@ class CanHub:
         on_frames: OnFrames,
         on_peer_lost: OnPeerLost = ignore,
         *,
-        carry: Carry = _whole,
+        carry: Carry = _pass_unchanged,
         bus: str = "vcan0",
         now: Callable[[], int] = wall_time_ns,
         queue_max: int = 65_536,

@@ -101,9 +101,9 @@ class _ModbusClient(Connection):
             due.append(self._pieces.popleft()[1])
         self.transport.write(b"".join(due))
         if self._pieces:
-            self.loop.call_at(self._pieces[0][0], self._go_on)
+            self.loop.call_at(self._pieces[0][0], self._send_next_piece)
 
-    def _go_on(self) -> None:
+    def _send_next_piece(self) -> None:
         """Send the next piece; after the last one answer the requests received meanwhile."""
         if self.transport is None or self.transport.is_closing() or not self._pieces:
             return

@@ -39,7 +39,7 @@ class Places(Generic[C]):
             return False
         self._taken[connection] = None
         if holds is not None and others == self._limit:
-            self._judge(connection, holds, connection.loop.time() + _TRIAL)
+            self._drop_unless_held(connection, holds, connection.loop.time() + _TRIAL)
         return True
 
     def leave(self, connection: C) -> bool:
@@ -49,11 +49,11 @@ class Places(Generic[C]):
         del self._taken[connection]
         return True
 
-    def _judge(self, connection: C, holds: Holds, deadline: float) -> None:
+    def _drop_unless_held(self, connection: C, holds: Holds, deadline: float) -> None:
         if connection not in self._taken or holds(connection.name):
             return
         loop = connection.loop
         if loop.time() >= deadline:
             connection.drop()
         else:
-            loop.call_later(_LOOK, self._judge, connection, holds, deadline)
+            loop.call_later(_LOOK, self._drop_unless_held, connection, holds, deadline)
