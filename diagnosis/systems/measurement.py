@@ -43,10 +43,10 @@ class Measured:
 
 def measurement_effects(signals: Sequence[Measured]) -> Mapping[str, Hypothesis]:
     """Return every cause by name."""
-    return MappingProxyType({one.name: one for signal in signals for one in _of(signal)})
+    return MappingProxyType({one.name: one for signal in signals for one in _errors_of_signal(signal)})
 
 
-def _of(signal: Measured) -> list[Hypothesis]:
+def _errors_of_signal(signal: Measured) -> list[Hypothesis]:
     shown, output = signal.display or signal.unit, signal.kind == "output"
     gain = Parameter("gain", "1", 0.0, _GAIN, -0.9, 10.0, display="%", scale=0.01)
     offset = Parameter("offset", signal.unit, 0.0, signal.size, display=shown, scale=signal.scale)
@@ -143,7 +143,7 @@ def read_as(name: str, values: Array, time: Array, effects: Effects) -> Array:
     if held := effects.get(f"held.{name}"):
         late = late + held["hold"] * np.mod(time + 1e-6, held["period"])
     if late.any():
-        y = _at(y, time, time - late)
+        y = _interpolate(y, time, time - late)
     return _shifted(name, y, time, effects)
 
 
@@ -151,7 +151,7 @@ def driven_by(name: str, values: Array, time: Array, effects: Effects) -> Array:
     """Return the input of a model that was recorded as ``values`` (n,) at equidistant ``time`` (n,)."""
     u = values
     if late := _value(effects, "latency", name, "delay"):
-        u = _at(u, time, time + late)
+        u = _interpolate(u, time, time + late)
     if lag := _value(effects, "lag", name, "lag"):
         u = u + lag * _rate(u, float(time[1] - time[0]))
     return _shifted(name, u, time, effects)
@@ -171,7 +171,7 @@ def _value(effects: Effects, kind: str, name: str, parameter: str) -> float:
     return effects.get(f"{kind}.{name}", {}).get(parameter, 0.0)
 
 
-def _at(values: Array, time: Array, wanted: Array) -> Array:
+def _interpolate(values: Array, time: Array, wanted: Array) -> Array:
     """Return a signal at other times by a cubic spline, constant outside of its range."""
     return CubicSpline(time, values)(np.clip(wanted, time[0], time[-1]))
 

@@ -137,7 +137,7 @@ def _prepare(step: float, clock: Array, measured: Mapping[str, Array]) -> Mappin
     }
 
 
-def _rest(step: float, clock: Array, measured: Mapping[str, Array]) -> NDArray[np.bool_]:
+def _at_rest(step: float, clock: Array, measured: Mapping[str, Array]) -> NDArray[np.bool_]:
     moving = np.abs(_smooth(step, measured["displacement"], 1)) > _REST_SPEED
     around = round(0.5 / step)
     near = np.convolve(moving, np.ones(2 * around + 1), mode="full")[around : around + len(moving)]
@@ -167,7 +167,7 @@ PISTON: Final = System(
     ),
     simulator=_simulator,
     prepare=_prepare,
-    rest=_rest,
+    rest=_at_rest,
     forgets=True,
     passive=(("force", "displacement"),),
 )

@@ -398,7 +398,7 @@ class SettingsOfRecord:
                 for name, value in event.data.items():
                     self._changes.setdefault(name, []).append((record.time_of(event), value))
 
-    def _over(self, name: str, grid: Array, default: Any) -> list[Any]:
+    def _setting_at_times(self, name: str, grid: Array, default: Any) -> list[Any]:
         """Return the value of a setting at each time of the grid."""
         changes = self._changes.get(name, [])
         times = np.array([time for time, _ in changes])
@@ -407,7 +407,7 @@ class SettingsOfRecord:
 
     def where(self, name: str, word: str, grid: Array, default: Any = None) -> Array:
         """Return 1 where a setting was ``word`` (n,), else 0; ``default`` is its value before the first change."""
-        return np.array([float(value == word) for value in self._over(name, grid, default)])
+        return np.array([float(value == word) for value in self._setting_at_times(name, grid, default)])
 
     def valves(self, grid: Array) -> dict[str, Array]:
         """Return the inputs of `AirSpring` that show which valves were open."""
@@ -424,13 +424,13 @@ class SettingsOfRecord:
         """
         name = "rig.nominal_preload"
         first = self._changes.get(name, [(0.0, 0.0)])[0][1]
-        return np.array(self._over(name, times, first), np.float64)
+        return np.array(self._setting_at_times(name, times, first), np.float64)
 
     def constants(self, time: float) -> dict[str, float]:
         """Return the settings of a run: its load and the installed parts."""
 
         def at(name: str) -> Any:
-            return self._over(name, np.array([time]), None)[0]
+            return self._setting_at_times(name, np.array([time]), None)[0]
 
         found = {}
         if (preload := at("rig.nominal_preload")) is not None:
@@ -452,5 +452,5 @@ class SettingsOfRecord:
         """
         unknown = np.zeros(len(grid), np.bool_)
         for side in SIDES:
-            unknown |= np.isin(self._over(f"air.{side}_mode", grid, "hold"), AIR_MODES[2:])
+            unknown |= np.isin(self._setting_at_times(f"air.{side}_mode", grid, "hold"), AIR_MODES[2:])
         return ~unknown

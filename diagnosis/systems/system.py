@@ -140,15 +140,15 @@ def conversion(
     try:
         found = unit_of(unit, units)
     except UnknownUnit as error:
-        raise DiagnosisError(f"{where}: {error}; use one of {_known(si, units)}") from None
+        raise DiagnosisError(f"{where}: {error}; use one of {_allowed_units(si, units)}") from None
     if not found.measures(si):
         raise DiagnosisError(
-            f'{where}: "{unit}" is not a unit of this quantity; use one of {_known(si, units)}'
+            f'{where}: "{unit}" is not a unit of this quantity; use one of {_allowed_units(si, units)}'
         )
     return found.unit.factor, 0.0 if relative else found.unit.zero
 
 
-def _known(si: str, units: Mapping[str, Unit]) -> str:
+def _allowed_units(si: str, units: Mapping[str, Unit]) -> str:
     return ", ".join(sorted({si, *(name for name, one in units.items() if one.si == si)}))
 
 

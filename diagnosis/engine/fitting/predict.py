@@ -81,11 +81,11 @@ def transferred(fitted: FittedModel, replay: Replay, fixed: bool) -> tuple[Point
     precision = FLAT_WEIGHT * np.eye(len(keep))
     precision += np.diag([0.0] * len(shared) + [c.weight for c in coordinates[len(shared) :]])
     if not fixed:
-        precision[: len(shared), : len(shared)] += _known(fitted, shared)
+        precision[: len(shared), : len(shared)] += _marginal_precision(fitted, shared)
     return point, Prior(point.numbers, precision)
 
 
-def _known(fitted: FittedModel, shared: Sequence[int]) -> Array:
+def _marginal_precision(fitted: FittedModel, shared: Sequence[int]) -> Array:
     """Return the precision (k, k) of the ``shared`` numbers of a fit, with the others integrated out."""
     others = [i for i in range(len(fitted.point.numbers)) if i not in set(shared)]
     information = fitted.linearisation.information / fitted.noise.dispersion

@@ -129,7 +129,7 @@ class _Batch:
         self._traces: dict[Hashable, Traces] = {}
         self._readings: dict[int, Array | None] = {}
         for job in self._jobs.values():
-            self._ask(job)
+            self._request_traces(job)
 
     def readings(self, job: Replayed) -> Array | None:
         """Return the readings of a job; None for an approximate job that lanes cannot compute."""
@@ -144,7 +144,7 @@ class _Batch:
         if not self._left[id(job)]:
             del self._readings[id(job)]
 
-    def _ask(self, job: Replayed) -> None:
+    def _request_traces(self, job: Replayed) -> None:
         self._parts[id(job)] = {key_of(springs): springs for springs in job.parts()}
         for key, springs in self._parts[id(job)].items():
             self._uses[key] += self._left[id(job)]
@@ -190,7 +190,7 @@ class _Batch:
             unread = self._left[mine] and mine not in self._readings
             if unread and job.kept is kept and not job.rough and len(self._parts[mine]) > 1:
                 self._release(job, self._left[mine])
-                self._ask(job)
+                self._request_traces(job)
 
     def _integrate(self) -> None:
         """Integrate the springs that are needed next, as many as there are lanes."""

@@ -55,7 +55,7 @@ def air_spring_system(parameters: Parameters) -> System:
         settings=_settings(parameters),
         simulator=simulator,
         prepare=prepare,
-        rest=_rest,
+        rest=_at_rest,
         begin=_begin,
     )
 
@@ -120,7 +120,7 @@ def _supply(measured: Mapping[str, Array]) -> dict[str, Array]:
     return {name: measured[name] for name in ("supply.pressure",) if name in measured}
 
 
-def _rest(step: float, clock: Array, measured: Mapping[str, Array]) -> NDArray[np.bool_]:
+def _at_rest(step: float, clock: Array, measured: Mapping[str, Array]) -> NDArray[np.bool_]:
     """Return a mask of the samples at which all heights and platform motions are at rest, by their scatter within half
     a second.
 

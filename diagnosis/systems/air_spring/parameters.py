@@ -262,7 +262,7 @@ def hypotheses(effects: Mapping[str, bench.Effect], possible: Callable[[str], bo
     }
 
     def possible_at(names: tuple[str, ...], place: str) -> tuple[str, ...]:
-        return tuple(name for name in _at(names, place, effects) if name in causes)
+        return tuple(name for name in _labels_at(names, place, effects) if name in causes)
 
     return {
         name: _hypothesis(
@@ -337,7 +337,7 @@ def _shape(shape: bench.EffectParameter) -> Parameter:
     )
 
 
-def _at(names: tuple[str, ...], place: str, effects: Mapping[str, bench.Effect]) -> tuple[str, ...]:
+def _labels_at(names: tuple[str, ...], place: str, effects: Mapping[str, bench.Effect]) -> tuple[str, ...]:
     """Return the labels of effects at the same place; of an effect without this place, all its places."""
     return tuple(
         _label(name, where)

@@ -64,7 +64,7 @@ class PreparedRun:
         The transducer is in the lateral actuator: with a softer frame the shear of the springs was smaller. Delayed
         readings belong to earlier times.
         """
-        more, late = self._apart(par)
+        more, late = self._added_compliance_and_delay(par)
         if (more, late) == (0.0, 0.0):
             return self
         moved = self._moved.get((more, late))
@@ -76,10 +76,10 @@ class PreparedRun:
         """Return the same, with the frame and sensors of a separate record for each sample: ``records`` at index ``of``
         (n,).
         """
-        more, late = np.array([self._apart(par) for par in records]).T
+        more, late = np.array([self._added_compliance_and_delay(par) for par in records]).T
         return self._moved_so(more[of], late[of]) if more.any() or late.any() else self
 
-    def _apart(self, par: Any) -> tuple[float, float]:
+    def _added_compliance_and_delay(self, par: Any) -> tuple[float, float]:
         """Return the additional compliance of the frame of ``par``, as a share, and the additional delay (s) of
         displacements.
         """
@@ -88,7 +88,9 @@ class PreparedRun:
         return more if GIVE in self.experiment.inputs else 0.0, late
 
     def _moved_so(self, more: float | Array, late: float | Array) -> "PreparedRun":
-        inputs = _before(self.experiment, late) if np.any(late) else dict(self.experiment.inputs)
+        inputs = (
+            _inputs_without_latency(self.experiment, late) if np.any(late) else dict(self.experiment.inputs)
+        )
         if np.any(more):
             inputs["shear"] = inputs.get("shear", 0.0) - more * inputs[GIVE]
         return PreparedRun(replace(self.experiment, inputs=inputs), self._par, self._step)
@@ -126,7 +128,7 @@ def _of_the_centre(read: Array, motion: Motion, par: Any) -> Array:
     return read - (par.gravity + vertical) * roll + par.accelerometer_height * angular
 
 
-def _before(experiment: Experiment, late: float | Array) -> dict[str, Array]:
+def _inputs_without_latency(experiment: Experiment, late: float | Array) -> dict[str, Array]:
     """Return the inputs of an experiment whose displacements were read ``late`` (s) and whose forces were not."""
     time, inputs = experiment.time, dict(experiment.inputs)
     own = np.zeros(len(time))

@@ -186,7 +186,7 @@ class AirSpring(CompleteSimulator):
         """Return the outputs (n, c) of sensors without noise."""
         prepared = self._prepare(experiment)
         simulated = _simulated(parameters)
-        key = _asked(simulated, effects)
+        key = _simulation_key(simulated, effects)
         with self._lock:
             outputs = prepared.outputs.get(key)
         if outputs is None:
@@ -358,7 +358,7 @@ class AirSpring(CompleteSimulator):
         """
         prepared = self._prepare(job.experiment)
         simulated = _simulated(job.parameters)
-        asked = id(prepared), _asked(simulated, job.effects)
+        asked = id(prepared), _simulation_key(simulated, job.effects)
         if asked not in known:
             known[asked] = self._new_or_known(job, prepared, simulated, known, rough)
         return known[asked]
@@ -433,7 +433,7 @@ def _simulated(parameters: Mapping[str, float]) -> dict[str, float]:
     }
 
 
-def _asked(simulated: Mapping[str, float], effects: Effects) -> str:
+def _simulation_key(simulated: Mapping[str, float], effects: Effects) -> str:
     """Return a text that is equal for requests of the same simulation."""
     return repr((sorted(simulated.items()), sorted((name, sorted(v.items())) for name, v in effects.items())))
 

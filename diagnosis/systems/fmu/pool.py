@@ -54,12 +54,12 @@ class FmuPool:
         mark = worker.folder / MARK
         try:
             return worker.request(
-                message, timeout=self._timeout, where=lambda: _where(mark), progress=mark.read_bytes
+                message, timeout=self._timeout, where=lambda: _current_call(mark), progress=mark.read_bytes
             )
         except FmuError as error:
             raise DiagnosisError(str(error)) from None
 
 
-def _where(mark: Path) -> str:
+def _current_call(mark: Path) -> str:
     call, time = unpack("dd", mark.read_bytes())
     return f"in doStep at {time:.6g} s" if call == STEP else _CALLS.get(call, "while loading its library")

@@ -65,8 +65,8 @@ def _biases(
     noisy, base = noise > 0.0, simulator.nuisances
     if not base or not noisy.any():
         return
-    J = np.stack([_over(_moved(simulator, one, runs, now), noisy, noise) for one in base], axis=1)
-    e = _WHOLE_ERROR * _over(changes, noisy, noise)
+    J = np.stack([_divided_by_noise(_moved(simulator, one, runs, now), noisy, noise) for one in base], axis=1)
+    e = _WHOLE_ERROR * _divided_by_noise(changes, noisy, noise)
     counted = np.isfinite(e) & np.isfinite(J).all(axis=1)
     J, e = J[counted], e[counted]
     information = times * J.T @ J + np.diag([1.0 / one.spread**2 for one in base])
@@ -83,7 +83,7 @@ def _biases(
         )
 
 
-def _over(outputs: Sequence[Array], noisy: NDArray[np.bool_], noise: Array) -> Array:
+def _divided_by_noise(outputs: Sequence[Array], noisy: NDArray[np.bool_], noise: Array) -> Array:
     """Return the outputs divided by the noise, as one row."""
     return np.concatenate([(one[:, noisy] / noise[noisy]).ravel() for one in outputs])
 

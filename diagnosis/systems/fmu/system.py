@@ -167,7 +167,7 @@ class _Maker:
             with self._noted(f"fmu.{key}"):
                 times[key] = self._seconds(key, text)
         named = tuple(self._signal(one).channel(0.0, 0.0) for one in outputs if one.name in self.units)
-        self._parts(driven, named, {}, 1.0)  # notes errors of the map
+        self._read_keys(driven, named, {}, 1.0)  # notes errors of the map
         pool = FmuPool(fmu, times.get("patience") or TIMEOUT)
         return System(
             name=fmu.path.name,
@@ -207,7 +207,7 @@ class _Maker:
 
     def _setting(self, one: Variable) -> SystemSetting:
         """Return the setting for a value of whole files. An input without a column has no default."""
-        default = None if one.causality == "input" else self._own(one)
+        default = None if one.causality == "input" else self._default_value(one)
         low, high = (one.unit.to_si(bound) for bound in (one.low, one.high))
         about = f"{one.description or one.name}; a column or a value for whole files"
         return SystemSetting(one.name, one.unit.si, about, low, high, default, True, one.relative)
@@ -222,7 +222,7 @@ class _Maker:
     ) -> FmuSimulator:
         """Return the simulator for ``ranges`` of the signals (SI) and a typical ``delay`` of each (s)."""
         keys = self.keys
-        base, own, sensors, surfaces = self._parts(driven, channels, ranges, delay)
+        base, own, sensors, surfaces = self._read_keys(driven, channels, ranges, delay)
         catalogue: dict[str, Hypothesis] = {name: one for name, (one, _) in own.items()}
         catalogue |= {name: one for name, one in sensors.items() if name not in keys.base}
         settle = self._seconds("settle", keys.settle)
@@ -238,7 +238,7 @@ class _Maker:
             preset=self.preset,
         )
 
-    def _parts(
+    def _read_keys(
         self,
         driven: Sequence[Variable],
         channels: Sequence[Channel],
@@ -360,13 +360,13 @@ class _Maker:
             )
         return one
 
-    def _own(self, one: Variable) -> float | None:
+    def _default_value(self, one: Variable) -> float | None:
         """Return the value (SI) of a variable without a value in the map."""
         own = None if one.start is None else one.unit.to_si(one.start)
         return self.preset.get(one.name, own)
 
     def _value(self, one: Variable, text: str | None, where: str) -> float | None:
-        return self._own(one) if text is None else self._quantity(one, text, where)
+        return self._default_value(one) if text is None else self._quantity(one, text, where)
 
     def _spread(self, one: Variable, text: str, value: float, where: str) -> float:
         """Return a standard deviation, given in a unit or as a percentage of the value."""
