@@ -197,7 +197,7 @@ class Bench(Link):
         self._reach((*(state for step in steps for state in step.start), "ACTIVE"), left())
         for step in steps:
             if self.state in step.start and self.state != to:
-                self._take(step, left)
+                self._run_step(step, left)
         self._reach((to,), left())
         self._armed = to == "ACTIVE"
 
@@ -210,7 +210,7 @@ class Bench(Link):
             refused: list[Refused] = []
             for order in sequences.rest:
                 try:
-                    self._give(order)
+                    self._write_order(order)
                 except Refused as one:  # the remaining orders may still bring it to rest
                     refused.append(one)
             what = "; ".join(("the bench at rest", *map(str, refused)))
@@ -232,7 +232,7 @@ class Bench(Link):
                 raise RigFault("the emergency stop is pressed: release the button, then reset")
             for step in steps:
                 if self.state in step.start:
-                    self._take(step, lambda: within)
+                    self._run_step(step, lambda: within)
 
     @contextmanager
     def silent(self, about: Literal["set-points", "settings"]) -> Iterator[None]:
@@ -262,24 +262,24 @@ class Bench(Link):
         deadline = self.clock.now() + round(within * NS)
         return lambda: max(0.0, (deadline - self.clock.now()) / NS)
 
-    def _take(self, step: Step, left: Callable[[], float]) -> None:
+    def _run_step(self, step: Step, left: Callable[[], float]) -> None:
         """Run one step of a sequence of the rig within the remaining time (s)."""
         for order in step.prepare:
-            self._give(order)
+            self._write_order(order)
         if step.bumpless:
             self.take_over(_COMMANDED)
         for order in step.orders:
-            self._give(order)
+            self._write_order(order)
         within = left() if step.within is None else min(left(), step.within)
         if set(step.start) <= set(FAULT_STATES):
-            what = _after(f"reset of the fault ({self.describe()})", step.orders)
+            what = _state_with_orders(f"reset of the fault ({self.describe()})", step.orders)
             self._until(lambda: self.state in step.end, within, what, RigFault)
         else:
             self._reach(step.end, within, step.orders)
         for order in step.afterwards:
-            self._give(order)
+            self._write_order(order)
 
-    def _give(self, order: Order) -> None:
+    def _write_order(self, order: Order) -> None:
         """Write an order and wait until it takes effect."""
         index = self.table.index
         setpoints = {
@@ -299,12 +299,12 @@ class Bench(Link):
         """Wait for one of ``states``, the target of ``orders``. Raises RigFault if a fault occurs first."""
         expected = " or ".join(dict.fromkeys(states))
         faults = [state for state in FAULT_STATES if state not in states]
-        self._until(lambda: self.state in (*states, *faults), within, _after(expected, orders))
+        self._until(lambda: self.state in (*states, *faults), within, _state_with_orders(expected, orders))
         if self.state not in states:
             raise RigFault(f"the rig did not reach {expected}: {self.describe()}; {TRY_AGAIN}")
 
 
-def _after(states: str, orders: Collection[Order]) -> str:
+def _state_with_orders(states: str, orders: Collection[Order]) -> str:
     """Return the expected state and the orders sent for it, as text."""
     text = "; ".join(
         ", ".join(f"{name} = {value:g}" for name, value in order.values.items()) for order in orders

@@ -120,13 +120,13 @@ class Generator(Device):
             if added:
                 link.settings.act("action.program_stop")
             raise
-        self._go()
+        self._start_program()
 
     def _start(self, wave: Wave) -> None:
         self._set(wave)
-        self._go()
+        self._start_program()
 
-    def _go(self) -> None:
+    def _start_program(self) -> None:
         self._link.settings.act("action.program_run")
         # Frames in transmission still report the previous program: the new one is visible after two set-point cycles.
         self._link.wait_cycles(STREAM_CYCLES, "rig.program")

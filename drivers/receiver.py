@@ -140,9 +140,9 @@ class Capture:
         for name, (times, _) in series.items():
             if times.size > 1 and times[-1] > times[0]:
                 self._receiver.rates[name] = float((times.size - 1) / (times[-1] - times[0]))
-        return grid, {name: self._at(name, grid, *series[name]) for name in self.names}
+        return grid, {name: self._resample(name, grid, *series[name]) for name in self.names}
 
-    def _at(self, name: str, grid: Floats, times: Floats, values: Floats) -> Floats:
+    def _resample(self, name: str, grid: Floats, times: Floats, values: Floats) -> Floats:
         row = self._row(name)
         after = np.clip(np.searchsorted(times, grid - 0.5e-9), 0, times.size - 1)
         before = np.maximum(np.where(times[after] > grid + 0.5e-9, after - 1, after), 0)

@@ -37,7 +37,7 @@ def read_mdf_frames(path: Path, account: Account) -> Frames:
         raise CanLogError(lacking("mdf", "MDF files")) from None
     frames = Frames("frame")
     with no_destructor_errors():
-        made = _made(MF4Reader, path)
+        made = _open_or_none(MF4Reader, path)
     if made is None:
         raise CanLogError(
             f"{path} cannot be read: the MDF file is damaged, or its format is unsupported; export it again"
@@ -67,7 +67,7 @@ def read_mdf_frames(path: Path, account: Account) -> Frames:
     return frames
 
 
-def _made(kind: Any, path: Path) -> Any:
+def _open_or_none(kind: Any, path: Path) -> Any:
     try:
         return kind(path)
     except Exception:  # asammdf raises its own exception and others

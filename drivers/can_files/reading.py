@@ -79,12 +79,12 @@ def read_log(path: Path, account: Account, stamps: Stamps | None = None) -> Fram
         )
     frames: Frames = form.read(path, account, stamps)
     if not len(frames):
-        raise CanLogError(_without(path, ending_of(path), account))
+        raise CanLogError(_explain_no_frames(path, ending_of(path), account))
     _check_clock(path, frames, account)
     return frames
 
 
-def _without(path: Path, ending: str, account: Account) -> str:
+def _explain_no_frames(path: Path, ending: str, account: Account) -> str:
     """Return why a file has no frame, as text."""
     if UNKNOWN not in account.counts:
         skipped = f" ({account.left_out})" if account.counts else ""

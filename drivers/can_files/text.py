@@ -58,9 +58,9 @@ class _Unpacked(gzip.GzipFile):
 
     def read(self, size: int | None = -1) -> bytes:
         """Read like a file; in small parts if the requested size exceeds the limit."""
-        return b"".join(self._parts(SAMPLES_BYTES if size is None or size < 0 else size))
+        return b"".join(self._read_parts(SAMPLES_BYTES if size is None or size < 0 else size))
 
-    def _parts(self, size: int) -> Iterator[bytes]:
+    def _read_parts(self, size: int) -> Iterator[bytes]:
         while size and (part := self.read1(min(size, _PART))):
             size -= len(part)
             yield part

@@ -43,13 +43,13 @@ def user_function(where: str, path: Path, name: str, arguments: int) -> Combine:
 
 def find_function(where: str, path: Path, name: str) -> Callable[..., Any]:
     """Return the function ``name`` of the file ``path``. Raises WiringError, which begins with ``where``."""
-    own = _own(_load(f"{where} = {name!r}", path))
+    own = _functions_in(_load(f"{where} = {name!r}", path))
     if name not in own:
         raise WiringError(f"{where} = {name!r} is not a function of {path.name}; {did_you_mean(name, own)}")
     return own[name]
 
 
-def _own(module: ModuleType) -> dict[str, Callable[..., Any]]:
+def _functions_in(module: ModuleType) -> dict[str, Callable[..., Any]]:
     return {name: one for name, one in vars(module).items() if inspect.isfunction(one)}
 
 

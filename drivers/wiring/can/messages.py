@@ -275,7 +275,7 @@ def _message(
     by_rate = max(_STALE_MIN, _STALE_PERIODS * cycle) if stale is None else stale
     message.stale = pages * by_rate if keys.stale is None else duration(f"{where}: stale", keys.stale)
     for field_name in (*keys.values, *([keys.counter] if keys.counter else [])):
-        _known(where, field_name, names)
+        _require_signal(where, field_name, names)
     for given, value in keys.values.items():
         low, high = limits[given]
         if not low <= value <= high:
@@ -327,7 +327,7 @@ def _guard(where: str, message: Message, functions: Path | None) -> None:
             )
     if guard is None:
         return
-    _known(f"{where}.checksum", guard.signal, names)
+    _require_signal(f"{where}.checksum", guard.signal, names)
     signal = coding.get_signal_by_name(guard.signal)
     if signal.multiplexer_ids:
         raise WiringError(
@@ -354,7 +354,7 @@ def _guard(where: str, message: Message, functions: Path | None) -> None:
     message.checksum = checksum(f"{where}.checksum", guard, coding.is_extended_frame, functions)
 
 
-def _known(where: str, signal: str, names: Iterable[str]) -> None:
+def _require_signal(where: str, signal: str, names: Iterable[str]) -> None:
     if signal not in names:
         raise WiringError(f"{where}: there is no signal {signal!r}; {did_you_mean(signal, names)}")
 

@@ -46,7 +46,7 @@ def checksum(where: str, keys: ChecksumKeys, extended: bool, functions: Path | N
             else f"{where}: data_id = {keys.data_id} is for e2e_p1 only; remove it for {scheme}"
         )
     if scheme == "function":
-        return _own(f"{where}: scheme", name, functions)
+        return _user_checksum(f"{where}: scheme", name, functions)
     if scheme == "e2e_p1":
         return _profile_1(where, keys.data_id or 0)
     size = (4 if extended else 2) if keys.identifier else 0
@@ -71,7 +71,7 @@ def _profile_1(where: str, data_id: int) -> Checksum:
     return crc
 
 
-def _own(where: str, name: str, functions: Path | None) -> Checksum:
+def _user_checksum(where: str, name: str, functions: Path | None) -> Checksum:
     if functions is None:
         raise WiringError(
             f'{where} = "function:{name}" needs the key functions in the description; add functions = "file.py"'

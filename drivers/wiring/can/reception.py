@@ -37,7 +37,9 @@ class Reception:
         for one in usable:
             if one.j1939:
                 groups.setdefault(j1939.group_of(one.coding.frame_id), []).append(one)
-        self._groups = {group: found for group, all_of in groups.items() if (found := _only(all_of))}
+        self._groups = {
+            group: found for group, all_of in groups.items() if (found := _message_of_group(all_of))
+        }
         self.begin()
 
     def begin(self) -> None:
@@ -85,10 +87,10 @@ class Reception:
         came = [
             f"{name} ({', '.join(f'{count} frames: {_WORDS[what]}' for what, count in tally.items())})"
             for name, tally in self.counts.items()
-        ] + self._others()
+        ] + self._list_unknown_frames()
         return "; ".join(came)
 
-    def _others(self) -> list[str]:
+    def _list_unknown_frames(self) -> list[str]:
         most = self._strangers.most_common(_TOLD_MAX)
         lines = [f"{identifier:#x} ({count} frames of no message here)" for (identifier, _), count in most]
         rest = len(self._strangers) - len(most)
@@ -103,12 +105,12 @@ class Reception:
                 of = f" and not of {self._messages[name].source:#x}" if what == "foreign" else ""
                 text = f"{name}: {count} of {whole} frames {_WORDS[what]}{of}"
                 found.append(Remark(text, what in _DOUBTFUL and count > _FEW * whole))
-        if others := self._others():
+        if others := self._list_unknown_frames():
             found.append(Remark(f"also on the bus: {'; '.join(others)}", False))
         return found
 
 
-def _only(group: list[Message]) -> Message | None:
+def _message_of_group(group: list[Message]) -> Message | None:
     """Return the message of all frames of a group: the only one, or the only one without a source address."""
     anybody = [one for one in group if j1939.source_of(one.coding.frame_id) == j1939.NOBODY]
     return group[0] if len(group) == 1 else anybody[0] if len(anybody) == 1 else None

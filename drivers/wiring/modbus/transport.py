@@ -216,7 +216,7 @@ class ModbusTransport(Transport):
             for group, _, requests in self._groups:
                 before = self._now()
                 for span in requests:
-                    self._first(span, self._gaps[group])
+                    self._poll_first_time(span, self._gaps[group])
                 self._rounds[group] = (self._now() - before) / NS
         except BenchError:
             self.close()
@@ -228,13 +228,13 @@ class ModbusTransport(Transport):
         if self._alive is not None:
             self._recur(self._alive[1], self._count)
 
-    def _first(self, span: Span, gap: int) -> None:
+    def _poll_first_time(self, span: Span, gap: int) -> None:
         """Read a request of a group for the first time; an error contains the reason of the device."""
         try:
             self._poll(span, patient=True)
         except BenchError as error:
             raise explained(
-                span, error, lambda one: self._ask(partial(_read, one), patient=True), gap
+                span, error, lambda one: self._send_request(partial(_read, one), patient=True), gap
             ) from None
 
     def _recur(self, period: float, call: Callable[[], None]) -> None:
@@ -266,7 +266,7 @@ class ModbusTransport(Transport):
                 raise WiringError(f"transports.{self.name}: {name} is a text; read it with text({name!r})")
         found: dict[str, float] = {}
         for span in spans([self._points[name] for name in dict.fromkeys(names)], 0, self._keys.request_max):
-            found.update(span.decode(self._ask(partial(_read, span), patient=True)))
+            found.update(span.decode(self._send_request(partial(_read, span), patient=True)))
         return {name: found[name] for name in names}
 
     def text(self, name: str) -> str:
@@ -276,7 +276,7 @@ class ModbusTransport(Transport):
         words: list[int] = []
         for first in range(point.address, point.end, most):
             part = Span(point.table, first, min(most, point.end - first), ())
-            words += self._ask(partial(_read, part), patient=True)
+            words += self._send_request(partial(_read, part), patient=True)
         return point.text(words)
 
     def write(self, points: Mapping[str, float], *, patient: bool = True) -> None:
@@ -288,7 +288,7 @@ class ModbusTransport(Transport):
         chosen = [(self._points[name], value) for name, value in points.items()]
         coded = [(point, point.encode(value)) for point, value in chosen]
         with self._writing:
-            self._writer.write(coded, partial(self._ask, patient=patient))
+            self._writer.write(coded, partial(self._send_request, patient=patient))
 
     def stream(self, points: Mapping[str, float], time: int) -> None:
         """Take values that are written with the next cycle of the stream; NaN keeps the previous value."""
@@ -326,7 +326,7 @@ class ModbusTransport(Transport):
     def _poll(self, span: Span, *, patient: bool = False) -> None:
         self.counts["polls"] += 1
         before = self._now()
-        words = self._ask(partial(_read, span), patient=patient)
+        words = self._send_request(partial(_read, span), patient=patient)
         self._listener.receive((before + self._now()) // 2, span.decode(words))
 
     def _send_stream(self) -> None:
@@ -366,7 +366,7 @@ class ModbusTransport(Transport):
         assert self._clock is not None
         return self._clock.now()
 
-    def _ask(self, request: Callable[[ModbusPort], Any], *, patient: bool = False) -> Any:
+    def _send_request(self, request: Callable[[ModbusPort], Any], *, patient: bool = False) -> Any:
         """Return the answer to ``request``. After the patience has elapsed, report the loss and raise LinkLost.
 
         If ``patient``, the request to a busy device is repeated until then.
