@@ -51,7 +51,7 @@ def answer_to(run: Asking, question: Question) -> Answer:
     run.follow(f"asked: {question.text}")
     start = run.now
     try:
-        found = _put(run, question)
+        found = _ask_and_wait(run, question)
     except Unanswered as reason:
         run.keep("answer", f"none: {reason}")
         raise type(reason)(f"{question.text}: {reason}") from None
@@ -61,7 +61,7 @@ def answer_to(run: Asking, question: Question) -> Answer:
     return found
 
 
-def _put(run: Asking, question: Question) -> Answer:
+def _ask_and_wait(run: Asking, question: Question) -> Answer:
     found: list[Answer] = []
 
     def answered() -> bool:

@@ -198,7 +198,7 @@ def rested(at_least: float) -> Precondition:
     """
 
     def look(run: Run) -> ConditionResult:
-        rest = _rest(run)
+        rest = _time_since_last_run(run)
         text = "since it was made" if rest == inf else f"{rest:.0f} s"
         good = rest >= at_least
         return ConditionResult(good, text if good else f"{text}; wait {at_least - rest:.0f} s more")
@@ -218,7 +218,7 @@ def confirmed(text: str) -> Precondition:
     return Precondition(text, look)
 
 
-def _rest(run: Run) -> float:
+def _time_since_last_run(run: Run) -> float:
     """Return the time (s) since the last run on this bench, or since the connection."""
     bench = run.bench
     if bench.last_run is None:

@@ -231,7 +231,7 @@ class Run:
             without=found.unknown,
             about=about(name),
         )
-        self._judged(one, name)
+        self._store_check(one, name)
         return one.passed
 
     def measured(self, evaluate: Evaluation, *captures: Captured, **how: Any) -> Measured:
@@ -310,11 +310,11 @@ class Run:
         for name in checks:
             phase = self._open[-1] if self._open else ""
             one = unavailable(str(name), reason, phase=phase, about=about(name))
-            self._judged(one, name)
+            self._store_check(one, name)
 
     lack = not_available  # the old name, for one release
 
-    def _judged(self, one: Check, name: str) -> None:
+    def _store_check(self, one: Check, name: str) -> None:
         if requirement := self.specimen.requirement(name):
             one = replace(one, requirement=requirement)
         self.checks.append(one)

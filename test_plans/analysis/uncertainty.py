@@ -202,7 +202,7 @@ def _all_ways(
     clock.
     """
     for name in used:
-        for cause, moved in _ways(instruments.pieces[name], rates.get(name, 1.0)):
+        for cause, moved in _instrument_shifts(instruments.pieces[name], rates.get(name, 1.0)):
             yield f"{instruments.pieces[name].instrument.name} {cause}", {name: moved}
     together: dict[str, list[str]] = {}
     for name in used:
@@ -224,10 +224,10 @@ def _dimensions(
         for name in names:
             one = rig.stated(name)
             if one and one.uncertainty:
-                yield name.replace("_", " "), {name: partial(_off, one.uncertainty * EVEN)}
+                yield name.replace("_", " "), {name: partial(_constant_shift, one.uncertainty * EVEN)}
 
 
-def _off(by: float, value: Any) -> Any:
+def _constant_shift(by: float, value: Any) -> Any:
     return by + 0.0 * value
 
 
@@ -236,7 +236,7 @@ def _late(by: float, rate: float) -> Move:
     return lambda values: -by * EVEN * np.gradient(values) * rate if np.size(values) > 1 else 0.0
 
 
-def _ways(piece: Piece, rate: float) -> Iterator[tuple[str, Move]]:
+def _instrument_shifts(piece: Piece, rate: float) -> Iterator[tuple[str, Move]]:
     """Yield each error of one piece with its shift by one standard deviation."""
     one, signal = piece.instrument, TABLE[piece.signal]
     middle, half = 0.5 * (signal.high + signal.low), 0.5 * (signal.high - signal.low)

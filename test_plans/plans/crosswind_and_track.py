@@ -316,7 +316,7 @@ def _crosswind_and_track(
             run.bench.wait(BEFORE)
             move()
         at, values = capture.aligned(SAMPLE_RATE)
-    _judge(run, run.specimen.load(load), Seen(at - BEFORE, between, frequency), values, roll)
+    _check_response(run, run.specimen.load(load), Seen(at - BEFORE, between, frequency), values, roll)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -394,7 +394,7 @@ def roll_torque(values: Values, rig: Rig) -> Samples:
     return np.asarray(actuator_moment(values, rig) - above * values["lateral.force"] + leaning)
 
 
-def _judge(run: Run, load: Load, seen: Seen, values: Values, rolled: float) -> None:
+def _check_response(run: Run, load: Load, seen: Seen, values: Values, rolled: float) -> None:
     """Check the response of the springs, which unequal preload rolled by ``rolled`` (rad), and record their loops."""
     if not all(np.isfinite(values[name][seen.shaken | seen.calm]).all() for name in READ):
         raise NotMeasured("samples of wind and track are missing")
@@ -438,7 +438,7 @@ def _judge(run: Run, load: Load, seen: Seen, values: Values, rolled: float) -> N
         low, high = (end / (tau * K.frequency) for end in _limits(load, "loss", K))
         run.check(DAMPED, damping, "kN*s/m", low=low, high=high, note=text)
     _judge_roll(run, load, seen, values, rolled, leans, torque, beyond)
-    _keep(run, load, seen, values)
+    _record_loops(run, load, seen, values)
 
 
 def _judge_roll(
@@ -518,7 +518,7 @@ def spread(found: list[float]) -> float:
     return float(np.std(found, ddof=1)) / len(found) ** 0.5
 
 
-def _keep(run: Run, load: Load, seen: Seen, values: Values) -> None:
+def _record_loops(run: Run, load: Load, seen: Seen, values: Values) -> None:
     shear = shear_of(values, run.rig) - values["platform.lateral"]
     force = -sideways_force(values, run.rig)
     roll, torque = roll_of(values, run.rig), roll_torque(values, run.rig)

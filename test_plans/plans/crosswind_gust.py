@@ -208,10 +208,10 @@ def crosswind_gust(
             run.bench.waveform.run(times, on_the_bolster(force, run.rig))
             run.bench.wait(AFTER)
         at, values = capture.aligned(SAMPLE_RATE)
-    _judge(run, load, wind, train_speed, at - BEFORE, values)
+    _check_response(run, load, wind, train_speed, at - BEFORE, values)
 
 
-def _judge(
+def _check_response(
     run: Run, load: str, wind: float, train_speed: float, at: Samples, values: Mapping[str, Samples]
 ) -> None:
     """Check and record the response of the springs at times ``at`` since the start of the wind (s)."""

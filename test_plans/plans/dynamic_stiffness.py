@@ -91,9 +91,13 @@ def dynamic_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
         check_band(run, damped, found.damping, "kN*s/m", damping[amplitude])
         over_amplitude.append((K, found))
     of_frequency = {STORAGE: [band for _, band, _ in sweep], ANGLE: [angles[place] for place, _, _ in sweep]}
-    _keep(run, load, FREQUENCY, [K.frequency for K, _ in over_frequency], over_frequency, of_frequency)
+    _record_curves(
+        run, load, FREQUENCY, [K.frequency for K, _ in over_frequency], over_frequency, of_frequency
+    )
     of_amplitude = {STORAGE: list(stiffness.values())}
-    _keep(run, load, AMPLITUDE, [K.amplitude for K, _ in over_amplitude], over_amplitude, of_amplitude)
+    _record_curves(
+        run, load, AMPLITUDE, [K.amplitude for K, _ in over_amplitude], over_amplitude, of_amplitude
+    )
 
 
 def _sine(run: Run, case: Load, frequency: float, amplitude: float) -> tuple[Stiffness, MeasuredStiffness]:
@@ -112,7 +116,7 @@ def _stiffness(times: Samples, frequency: float, rig: Rig, values: Values) -> St
     return vertical_stiffness(times, rig, values, frequency)
 
 
-def _keep(
+def _record_curves(
     run: Run,
     load: str,
     over: Quantity,

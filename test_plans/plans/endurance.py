@@ -105,7 +105,7 @@ class Series:
     def known(self, run: Run, place: int) -> list[Measured]:
         """Return one of its results, by inspection, each with its own uncertainty."""
         return [
-            run.measured(partial(_at, of, place), run.rig, read, averaged=AVERAGED)
+            run.measured(partial(_result_at, of, place), run.rig, read, averaged=AVERAGED)
             for of, read in zip(self.computed, self.read, strict=True)
         ]
 
@@ -139,7 +139,7 @@ class Looks:
             band = run.specimen.limits.band(f"endurance.{limit}", unit)
             place = 1 if quantity is DAMPING else 0
             for where, series in (self.heights if quantity is HEIGHT else self.sines).items():
-                self._keep(run, where, quantity, series.known(run, place))
+                self._record_over_cycles(run, where, quantity, series.known(run, place))
                 if len(set(self.cycles)) > 1:
                     change = self._change(run, series, place, unit)
                     check_band(run, name.of(where=where), change, unit, band)
@@ -157,7 +157,9 @@ class Looks:
 
         return run.measured(change, run.rig, *series.read, averaged=AVERAGED)
 
-    def _keep(self, run: Run, where: str, quantity: Quantity, values: Sequence[Measured]) -> None:
+    def _record_over_cycles(
+        self, run: Run, where: str, quantity: Quantity, values: Sequence[Measured]
+    ) -> None:
         keep(
             run,
             where,
@@ -169,7 +171,7 @@ class Looks:
         )
 
 
-def _at(of: Found, place: int, rig: Rig, read: Mapping[str, Any]) -> float:
+def _result_at(of: Found, place: int, rig: Rig, read: Mapping[str, Any]) -> float:
     return of(rig, read)[place]
 
 
@@ -228,23 +230,23 @@ def endurance(
     run.bench.wait(COOL)
     steps.lock_the_air(run)
     with run.phase("run in"):
-        _look(run, case, axis, home, Looks())  # friction depends on an inspection, too
+        _inspect(run, case, axis, home, Looks())  # friction depends on an inspection, too
         _cycle(run, axis, amplitude, frequency, run_in, Looks())
     looks = Looks()
     try:
-        before = _look(run, case, axis, home, looks)
+        before = _inspect(run, case, axis, home, looks)
         for number in range(1, intervals + 1):
             until = cycles * number // intervals
             if run.hold_point(f"before the cycles to {until}"):
                 with run.phase("run in again"):
                     _cycle(run, axis, amplitude, frequency, run_in, Looks())
-                    _look(run, case, axis, home, Looks())  # as before any other interval
+                    _inspect(run, case, axis, home, Looks())  # as before any other interval
             with run.phase(f"cycles to {until}"):
                 deviation = _cycle(
                     run, axis, amplitude, frequency, until - looks.made, looks, ends=parting == "ends"
                 )
             with _reason(run, deviation):
-                _look(run, case, axis, home, looks)
+                _inspect(run, case, axis, home, looks)
             if deviation is not None:
                 break
     finally:
@@ -308,7 +310,7 @@ def _wait_done(run: Run, within: float, ends: bool) -> Deviation | None:
     return None
 
 
-def _look(
+def _inspect(
     run: Run, load: Load, axis: Literal["vertical", "lateral"], home: Home, looks: Looks
 ) -> steps.Weighing:
     """Add the present results to ``looks``; return the readings that give the mass of air."""

@@ -142,7 +142,7 @@ def leveling(
                 height = _opened(run, side, way, around)
                 check_band(run, OPENS.of(side=side, verb=verb), height, "mm", opening)
                 read[side] += around
-            _go(run, home, 0.0)
+            _move_from_home(run, home, 0.0)
             run.bench.wait(STAIR_WAIT)
     for side in SIDES:
         width = _dead_band(run, side, read[side])
@@ -181,7 +181,7 @@ def _stairs(run: Run, home: Home, way: float) -> dict[str, list[dict[str, float]
     found: dict[str, list[dict[str, float]]] = {}
     before, low = _slopes(run)
     for stair in STAIRS:
-        _go(run, home, way * stair)
+        _move_from_home(run, home, way * stair)
         run.bench.wait(STAIR_WAIT)
         slopes, high = _slopes(run)
         for side in SIDES:
@@ -273,7 +273,7 @@ def _step(
 
     names = [f"{side}.{what}" for side in SIDES for what in ("height", "auxiliary_pressure")]
     with bench.capture(*names) as capture:
-        _go(run, home, step)
+        _move_from_home(run, home, step)
         end = bench.now + within
         with suppress(BenchTimeout):  # a valve that does not do it in time has failed, which is reported
             while waiting:
@@ -301,5 +301,5 @@ def _delay(side: str, times: Samples, values: Mapping[str, Samples]) -> float:
     return float(middle - (level - before) / slope)
 
 
-def _go(run: Run, home: Home, z: float) -> None:
+def _move_from_home(run: Run, home: Home, z: float) -> None:
     run.bench.vertical.move_to(home.left + z, home.right + z, rate=RATE)

@@ -169,7 +169,7 @@ class Course:
         rises = []
         for name in HEIGHTS:
             values = (read or self._values)[name]
-            rises.append(values.max() - values[0] if self._seen(name) else np.nan)
+            rises.append(values.max() - values[0] if self._arrived_without_gaps(name) else np.nan)
         return float(np.max(rises))
 
     def measured(self, run: Run, evaluate: Callable[[Read], float]) -> Measured:
@@ -177,14 +177,14 @@ class Course:
         return run.measured(evaluate, self._values, rate=self._rates)
 
     def _last_large(self, name: str, values: Samples, limit: float) -> float:
-        if not self._seen(name):
+        if not self._arrived_without_gaps(name):
             return self._watched  # unknown
         times = self._times[name]
         large = np.flatnonzero(~(np.abs(values) <= limit))
         after = large[-1] + 1 if large.size else 0
         return 0.0 if not after else float(times[after]) if after < times.size else self._watched
 
-    def _seen(self, name: str) -> bool:
+    def _arrived_without_gaps(self, name: str) -> bool:
         """Return whether a reading arrived without gaps."""
         gaps = np.diff(self._times[name], prepend=-self._since, append=self._watched)
         return bool(np.all(gaps < UNSEEN))

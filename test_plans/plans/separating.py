@@ -18,7 +18,7 @@ def _programme(name: str, title: str, purpose: str, *parts: tuple[str, tuple[Str
     return Programme(name, title, tuple(Part(load, stretches) for load, stretches in parts), purpose)
 
 
-def _one(
+def _single_stretch(
     *segments: Segment, start: RestPose | None = None, valves: Valves | None = None
 ) -> tuple[Stretch, ...]:
     plain = Stretch(segments)
@@ -33,12 +33,12 @@ _PROGRAMMES: Final = (
         (
             AW0,
             (
-                *_one(
+                *_single_stretch(
                     Wave("vertical", 8 * mm, 0.05 * Hz, 3, "triangle"),
                     Wave("vertical", 8 * mm, 0.5 * Hz, 4, "triangle"),
                     Wave("vertical", 12 * mm, 0.5 * Hz, 4),
                 ),
-                *_one(
+                *_single_stretch(
                     Wave("lateral", 12 * mm, 0.05 * Hz, 3, "triangle"),
                     Wave("lateral", 12 * mm, 0.5 * Hz, 4, "triangle"),
                     Wave("lateral", 18 * mm, 0.5 * Hz, 4),
@@ -50,8 +50,8 @@ _PROGRAMMES: Final = (
         "holds_at_heights",
         "Holds at two heights under both loads: leak, heat or drift.",
         "Heat exchange ends, a leak goes on with the pressure, and a transducer drifts independently of both.",
-        (AW0, _one(RestPose(-15 * mm, rest=40 * s), RestPose(15 * mm, rest=40 * s))),
-        (AW3, _one(RestPose(-15 * mm, rest=40 * s), RestPose(15 * mm, rest=40 * s))),
+        (AW0, _single_stretch(RestPose(-15 * mm, rest=40 * s), RestPose(15 * mm, rest=40 * s))),
+        (AW3, _single_stretch(RestPose(-15 * mm, rest=40 * s), RestPose(15 * mm, rest=40 * s))),
     ),
     _programme(
         "small_fast_sines",
@@ -59,7 +59,7 @@ _PROGRAMMES: Final = (
         "The effect of inertia grows with the square of the frequency, that of a delay with the frequency.",
         (
             AW0,
-            _one(
+            _single_stretch(
                 Wave("vertical", 0.8 * mm, 5 * Hz, 20),
                 Wave("vertical", 0.6 * mm, 6.25 * Hz, 25),
                 Wave("vertical", 0.5 * mm, 8 * Hz, 32),
@@ -76,7 +76,7 @@ _PROGRAMMES: Final = (
         "Both delay by τ; only a lag also reduces the amplitude, by ω²τ²/2, which is seen with large forces only.",
         (
             AW0,
-            _one(
+            _single_stretch(
                 Wave("lateral", 3 * mm, 2 * Hz, 20),
                 Wave("lateral", 3 * mm, 5 * Hz, 50),
                 Wave("lateral", 3 * mm, 8 * Hz, 80),
@@ -90,7 +90,7 @@ _PROGRAMMES: Final = (
         "Both delay by τ; only a lag also reduces the amplitude, by ω²τ²/2, which is seen with large pressures only.",
         (
             AW3,
-            _one(
+            _single_stretch(
                 Wave("vertical", 3 * mm, 2 * Hz, 20),
                 Wave("vertical", 3 * mm, 5 * Hz, 50),
                 Wave("vertical", 2 * mm, 12.5 * Hz, 250),
@@ -103,7 +103,7 @@ _PROGRAMMES: Final = (
         "A flow that differs by direction separates the mean pressures, with the square of the amplitude.",
         (
             AW0,
-            _one(
+            _single_stretch(
                 Wave("vertical", 5 * mm, 1 * Hz, 8),
                 Wave("vertical", 10 * mm, 1 * Hz, 8),
                 Wave("vertical", 15 * mm, 1 * Hz, 8),
@@ -117,7 +117,7 @@ _PROGRAMMES: Final = (
         "Steps of 10 mm, each held for two minutes: heat, and rubber that relaxes.",
         "The gas gives its heat off with one time constant and shows it in the pressure; rubber relaxes over decades "
         "of time, and only the force shows it.",
-        (AW0, _one(RestPose(10 * mm, rest=2 * minutes), RestPose(-10 * mm, rest=2 * minutes))),
+        (AW0, _single_stretch(RestPose(10 * mm, rest=2 * minutes), RestPose(-10 * mm, rest=2 * minutes))),
     ),
     _programme(
         "lateral_at_roll",
@@ -128,7 +128,7 @@ _PROGRAMMES: Final = (
             tuple(
                 stretch
                 for roll in (20 * mrad, -20 * mrad, 40 * mrad)
-                for stretch in _one(
+                for stretch in _single_stretch(
                     Wave("lateral", 12 * mm, 0.25 * Hz, 3, "triangle"),
                     Wave("lateral", 6 * mm, 1 * Hz, 5),
                     start=RestPose(roll=roll),
@@ -142,7 +142,7 @@ _PROGRAMMES: Final = (
         "With the valves shut, their effect disappears and a leak remains.",
         (
             AW0,
-            _one(
+            _single_stretch(
                 Wave("vertical", 12 * mm, 0.05 * Hz, 4),
                 Wave("roll", 10 * mrad, 0.1 * Hz, 3, "triangle"),
                 valves=LEVELING,
@@ -155,7 +155,7 @@ _PROGRAMMES: Final = (
         "A sound valve holds the pressure difference between 1.0 and 1.2 bar while the roll grows.",
         (
             AW3,
-            _one(
+            _single_stretch(
                 Wave("roll", 15 * mrad, 0.1 * Hz, 3, "triangle"),
                 Wave("roll", 36 * mrad, 0.1 * Hz, 4, "triangle"),
                 valves=DPV_CONNECTED,
@@ -168,7 +168,7 @@ _PROGRAMMES: Final = (
         "A stop gives a kink at its gap on both sides; geometry softens gradually and loses no energy.",
         (
             AW0,
-            _one(
+            _single_stretch(
                 Wave("lateral", 24 * mm, 0.1 * Hz, 3, "triangle"),
                 Wave("lateral", 42 * mm, 0.1 * Hz, 3, "triangle"),
             ),
@@ -180,7 +180,7 @@ _PROGRAMMES: Final = (
         "Geometry makes a small motion softer at a larger offset; friction does not depend on the offset.",
         (
             AW0,
-            _one(
+            _single_stretch(
                 *(
                     segment
                     for shear in (15 * mm, 30 * mm, 45 * mm, -30 * mm)
@@ -193,7 +193,7 @@ _PROGRAMMES: Final = (
         "locked_hold",
         "Ten minutes without motion under the full car: slow leaks and drifting transducers.",
         "The mass of the air, m = pV/(RT), falls only where air is lost.",
-        (AW3, _one(RestPose(rest=10 * minutes))),
+        (AW3, _single_stretch(RestPose(rest=10 * minutes))),
     ),
     _programme(
         "isolated_reservoirs",
@@ -201,7 +201,7 @@ _PROGRAMMES: Final = (
         "Errors in volume, area or compliance of the bellows remain; errors of the orifice disappear.",
         (
             AW0,
-            _one(
+            _single_stretch(
                 Wave("vertical", 5 * mm, 0.1 * Hz, 3, "triangle"),
                 Wave("vertical", 6 * mm, 0.5 * Hz, 4),
                 Wave("vertical", 4 * mm, 1.25 * Hz, 7),

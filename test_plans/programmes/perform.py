@@ -117,7 +117,7 @@ def perform(run: Run, programme: Programme) -> None:
             number += 1
             with run.phase("prepare"):
                 _turn(run, stretch.valves)
-                _go(run, home, stretch.start)
+                _move_to_pose(run, home, stretch.start)
                 run.bench.wait(SETTLE)
             name = f"{programme.name} {number} {part.load}"
             with run.phase(f"{REPLAY} {name}"):
@@ -125,7 +125,7 @@ def perform(run: Run, programme: Programme) -> None:
                     _stretch(run, home, stretch)
                 _check(run, name, stretch, capture)
         with run.phase("back"):  # the next load is taken up level and centred
-            _go(run, home, RestPose())
+            _move_to_pose(run, home, RestPose())
 
 
 def _taken_up(run: Run, programme: Programme, part: Part, number: int) -> bool:
@@ -164,7 +164,7 @@ def _check(run: Run, name: str, stretch: Stretch, capture: Capture) -> None:
     }
     for what, (of, target) in ways.items():
         if (way := float(np.ptp(target))) > 0.0:
-            went = run.measured(partial(_went, of, way), run.rig, values, rate=RATE)
+            went = run.measured(partial(_travel_ratio, of, way), run.rig, values, rate=RATE)
             run.check(WENT.of(name=name, what=what), went, "1", low=WAY.low, high=WAY.high)
 
 
@@ -182,7 +182,7 @@ def _height(side: str, values: Mapping[str, Samples], rig: Rig) -> Samples:
     return values[f"{side}.height"]
 
 
-def _went(
+def _travel_ratio(
     of: Callable[[Mapping[str, Samples], Rig], Samples], way: float, rig: Rig, values: Mapping[str, Samples]
 ) -> float:
     """Return the ratio of the travel to the commanded ``way`` (m); NaN without samples."""
@@ -192,14 +192,14 @@ def _went(
 
 
 def _stretch(run: Run, home: Home, stretch: Stretch) -> None:
-    _rest(run, REST_BEFORE)
+    _wait_at_rest(run, REST_BEFORE)
     for wave in stretch.condition:
         with run.phase(f"{CONDITION} {wave.axis}"):
             _shake(run, wave)
-    _rest(run, REST_BETWEEN)
+    _wait_at_rest(run, REST_BETWEEN)
     for segment in stretch.segments:
         _segment(run, home, segment)
-    _rest(run, REST_AFTER)
+    _wait_at_rest(run, REST_AFTER)
 
 
 def _segment(run: Run, home: Home, segment: Segment) -> None:
@@ -208,14 +208,14 @@ def _segment(run: Run, home: Home, segment: Segment) -> None:
             case Wave():
                 _shake(run, segment)
             case RestPose():
-                _go(run, home, segment)
+                _move_to_pose(run, home, segment)
             case Valves():
                 _turn(run, segment)
     if isinstance(segment, RestPose) and segment.rest:
-        _rest(run, segment.rest)
+        _wait_at_rest(run, segment.rest)
 
 
-def _rest(run: Run, duration: float) -> None:
+def _wait_at_rest(run: Run, duration: float) -> None:
     with run.phase(REST):
         run.bench.wait(duration)
 
@@ -238,7 +238,7 @@ def _turn(run: Run, valves: Valves) -> None:
             actions[value]()
 
 
-def _go(run: Run, home: Home, pose: RestPose) -> None:
+def _move_to_pose(run: Run, home: Home, pose: RestPose) -> None:
     """Move all axes so that they arrive together; the axis with the longest distance moves at the rate of the pose."""
     commander = run.bench.commander
     offsets = {"vertical_left": home.left, "vertical_right": home.right}

@@ -126,7 +126,7 @@ class _Walk:
             case Wave():
                 self._wave(segment)
             case RestPose():
-                self._go(segment)
+                self._append_move(segment)
             case Valves():
                 given = {
                     name: value
@@ -148,7 +148,7 @@ class _Walk:
         self._append(self.place[:, None] + np.outer(share[wave.axis], value))
         self.rest(GENERATOR_LATE)
 
-    def _go(self, pose: RestPose) -> None:
+    def _append_move(self, pose: RestPose) -> None:
         targets = pose.targets(self.rig)
         end = np.array([targets[axis] for axis in AXES])
         duration = pose.duration_from(dict(zip(AXES, self.place.tolist(), strict=True)), self.rig)
