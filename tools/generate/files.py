@@ -150,7 +150,7 @@ def _print_signals(out: TextIO) -> None:
     for kind, title in titles.items():
         print(f"## {title}\n", file=out)
         table = []
-        for rows in _alike(TABLE.of_kind(kind)):
+        for rows in _group_similar(TABLE.of_kind(kind)):
             first = rows[0]
             table.append(
                 (
@@ -172,7 +172,7 @@ def _print_signals(out: TextIO) -> None:
         print(file=out)
 
 
-def _alike(rows: Iterable[Signal]) -> list[list[Signal]]:
+def _group_similar(rows: Iterable[Signal]) -> list[list[Signal]]:
     """Return ``rows`` in groups with the same range, resolution and description without numbers."""
     groups: dict[tuple[object, ...], list[Signal]] = {}
     for row in rows:
