@@ -18,7 +18,7 @@ from test_plans.description import ours
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.instruments import UNKNOWN
-from test_plans.plans.crosswind_gust import READ, _judge, blow
+from test_plans.plans.crosswind_gust import READ, _check_response, blow
 from test_plans.plans.stochastic_crosswind import LEVEL, TRACK, excitation, irregularity
 from test_plans.specimen import ordinary
 from test_plans.steps.shaking import SAMPLE_RATE
@@ -246,6 +246,6 @@ def test_a_gust_with_gaps_is_not_blamed_on_the_specimens_file():
         "left.height": np.full_like(at, np.nan)
     }
     with pytest.raises(NotMeasured, match="samples of the gust are missing"):
-        _judge(
+        _check_response(
             SimpleNamespace(specimen=ordinary(), instruments=UNKNOWN, rig=OURS), "AW0", 10.0, 27.8, at, values
         )
