@@ -413,8 +413,8 @@ def test_pages_are_served_alternately(memory: InMemory, connected: Callable) -> 
 @pytest.mark.parametrize(
     ("points", "words"),
     [
-        ({"Set.Target": 1000.5}, r"Set\.Target = 1000\.5 does not fit: the signal carries -1000 to 1000"),
-        ({"Set.Mode": 256}, r"Set\.Mode = 256 does not fit: the signal carries 0 to 255"),
+        ({"Set.Target": 1000.5}, r"Set\.Target = 1000\.5 does not fit in the signal; use -1000 to 1000"),
+        ({"Set.Mode": 256}, r"Set\.Mode = 256 does not fit in the signal; use 0 to 255"),
         ({"Set.Mode": math.nan}, r"Set\.Mode = nan does not fit"),
         ({"Set.Alive": 1}, r"Set.Alive is written by the transport"),
         ({"Set.Mod": 1}, r"Set has no signal 'Mod'; did you mean 'Mode'"),
