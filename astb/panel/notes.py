@@ -68,20 +68,22 @@ def _adding(parts: Parts, known: Known) -> Callable[[Request], Awaitable[Respons
     places = CapacityLimiter(_AT_ONCE)
 
     async def endpoint(request: Request) -> Response:
-        told = {key: request.query_params.get(key, "") for key in ("run", "by", "text", "file")}
+        fields = {key: request.query_params.get(key, "") for key in ("run", "by", "text", "file")}
         try:
             await parts.access.slow_down(request)
             parts.access.require_token(request)
-            _refuse(told)
-            directory = await to_thread.run_sync(known, told["run"])
+            _refuse(fields)
+            directory = await to_thread.run_sync(known, fields["run"])
             async with places:
-                most = FILE_MAX if told["file"] else 0
+                most = FILE_MAX if fields["file"] else 0
                 too_much = (
-                    f"a file can have {most // 1_000_000} MB at most" if most else "this file has no name"
+                    f"the file is too large; use at most {most // 1_000_000} MB"
+                    if most
+                    else "the file has no name; give it one"
                 )
                 content = await read_body(request, most, too_much)
-                file = Path(told["file"]) if told["file"] else None
-                await to_thread.run_sync(add_note, directory, told["text"], told["by"], file, content)
+                file = Path(fields["file"]) if fields["file"] else None
+                await to_thread.run_sync(add_note, directory, fields["text"], fields["by"], file, content)
         except NotAllowed as error:
             return refusal(error, error.status)
         except RecordError as error:
@@ -91,22 +93,22 @@ def _adding(parts: Parts, known: Known) -> Callable[[Request], Awaitable[Respons
     return endpoint
 
 
-def _refuse(told: dict[str, str]) -> None:
+def _refuse(fields: dict[str, str]) -> None:
     """Raise NotAllowed for texts that are too long, and for an invalid file name."""
-    for key, text in told.items():
+    for key, text in fields.items():
         try:
             text.encode()
         except UnicodeEncodeError:
             raise NotAllowed(f"{key} is not a valid UTF-8 text; enter it again", 400) from None
-    if not told["by"].strip():
+    if not fields["by"].strip():
         raise NotAllowed("the author of the note is missing; fill in the field for the author", 400)
-    if len(told["text"]) > _TEXT_MAX:
+    if len(fields["text"]) > _TEXT_MAX:
         raise NotAllowed(
-            f"a note of {len(told['text'])} characters is too long; use at most {_TEXT_MAX}", 413
+            f"a note of {len(fields['text'])} characters is too long; use at most {_TEXT_MAX}", 413
         )
-    if told["file"] and not _NAME.fullmatch(told["file"]):
+    if fields["file"] and not _NAME.fullmatch(fields["file"]):
         raise NotAllowed(
-            f"{told['file']!r} is not a valid file name; use letters, digits, spaces and . , ( ) + - _", 400
+            f"{fields['file']!r} is not a valid file name; use letters, digits, spaces and . , ( ) + - _", 400
         )
 
 
