@@ -161,8 +161,8 @@ class ProgressDisplay:
             self._live.conclude(result)
             self._screen.run = None
         colour = _OUTCOMES[result.verdict]
-        said = headline(result) if result.verdict is Outcome.INCOMPLETE else result.reason
-        reason = f": {said}" if said else ""
+        text = headline(result) if result.verdict is Outcome.INCOMPLETE else result.reason
+        reason = f": {text}" if text else ""
         self._print(f"{result.plan}: {result.verdict.upper()}{reason}", f"bold {colour}")
         if deviates:
             self._print("  the rig deviates from its model: see above, and the report", "bold yellow")

@@ -128,8 +128,8 @@ def _packages() -> Iterator[MachineCheck]:
         if extra:
             lacking[extra] = f"{one.name} {version}".strip()
         else:
-            said = f"{one.name} {version or 'is missing'} (required: {one.specifier})"
-            wrong[said] = f"'{one.name}{one.specifier}'"
+            fault = f"{one.name} {version or 'is missing'} (required: {one.specifier})"
+            wrong[fault] = f"'{one.name}{one.specifier}'"
     yield MachineCheck(
         "packages",
         "broken" if wrong else "fine",
@@ -193,19 +193,19 @@ def _processors() -> MachineCheck:
 
 def _in_a_thread(attempt: Callable[[], None]) -> str:
     """Return why ``attempt`` fails in a separate thread, which has its own priority; "" if it succeeds."""
-    said = ""
+    refusal = ""
 
     def body() -> None:
-        nonlocal said
+        nonlocal refusal
         try:
             attempt()
         except (OSError, AttributeError) as error:
-            said = getattr(error, "strerror", None) or str(error)
+            refusal = getattr(error, "strerror", None) or str(error)
 
     thread = threading.Thread(target=body)
     thread.start()
     thread.join()
-    return said
+    return refusal
 
 
 def _priority() -> Iterator[MachineCheck]:
@@ -316,11 +316,11 @@ def _ports(rig: RigFile) -> Iterator[MachineCheck]:
         if taken and name == "Modbus":
             is_rig = answers(rig)
         right = not taken or is_rig
-        said = "free" if not taken else "a rig answers" if is_rig else "used by another program"
+        text = "free" if not taken else "a rig answers" if is_rig else "used by another program"
         yield MachineCheck(
             f"{name} {host}:{port}",
             "fine" if right else "missing",
-            said,
+            text,
             f"the rig {rig.name}",
             ""
             if right

@@ -53,14 +53,16 @@ class SimulatedHand:
         if way not in {"on", "off"} or DONE not in question.answers:
             raise Unanswered(f"the simulated rig cannot do this by itself; {_OTHERS}")
         try:
-            told = self._order({"do": way, "name": name, **({"values": {}} if way == "on" else {})})
-            done = "error" not in told or (way == "off" and self._has(name))  # a fault that was not on is off
+            answer = self._order({"do": way, "name": name, **({"values": {}} if way == "on" else {})})
+            done = "error" not in answer or (
+                way == "off" and self._has(name)
+            )  # a fault that was not on is off
         except OSError as error:  # the rig runs in another process, or has ended
             raise Unanswered(
                 f"the simulated rig does not receive the command: {error.strerror or error}; check that it runs"
             ) from None
         if not done:
-            raise Unanswered(f"the simulated rig cannot do this by itself: {told['error']}; {_OTHERS}")
+            raise Unanswered(f"the simulated rig cannot do this by itself: {answer['error']}; {_OTHERS}")
         self._answer = Answer(DONE, "the simulated rig")
 
     def _has(self, name: str) -> bool:
@@ -129,12 +131,12 @@ class Terminal(QuestionBox):
         question = self.question
         if question is None or not line.strip():
             return
-        said = line.strip().lower()
-        fitting = [one for one in question.allowed if one.lower().startswith(said)]
-        if len(fitting) == 1 or said in fitting:
+        typed = line.strip().lower()
+        fitting = [one for one in question.allowed if one.lower().startswith(typed)]
+        if len(fitting) == 1 or typed in fitting:
             self._wanted.clear()  # the next line is for the next question
             try:
-                self.reply(said if said in fitting else fitting[0], "the operator at the terminal")
+                self.reply(typed if typed in fitting else fitting[0], "the operator at the terminal")
             except ValueError:  # the question's time has just passed
                 self._wanted.set()
         else:

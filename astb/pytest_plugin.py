@@ -128,8 +128,8 @@ def _make_safe(bench: "Bench") -> None:
     try:
         make_safe(Run(bench, _NoLog()))
     except BenchError as error:
-        if told := air_at_risk(bench):
-            raise RigFault(f"{told}; {error}", error.fault) from error
+        if air := air_at_risk(bench):
+            raise RigFault(f"{air}; {error}", error.fault) from error
         raise
 
 

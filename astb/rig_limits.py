@@ -26,8 +26,8 @@ def known_limits(rig: RigFile) -> list[KnownLimit]:
     """
     rows = rig.simulation.limits if rig.simulation else rig.limits
     otherwise = SIMULATED if rig.simulation else ASSUMED
-    told = {(row.get("signal"), row.get("kind")) for row in rows}
+    stated = {(row.get("signal"), row.get("kind")) for row in rows}
     return [
-        KnownLimit(limit, TOLD if (limit.signal, LIMIT_KINDS[limit.kind]) in told else otherwise)
+        KnownLimit(limit, TOLD if (limit.signal, LIMIT_KINDS[limit.kind]) in stated else otherwise)
         for limit in limits_of(rows)
     ]

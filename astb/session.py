@@ -210,7 +210,7 @@ def virtual_session(
     from bench_sim.rig.faults.orders import execute_order
 
     known = simulation.seed if seed is None else seed
-    told = simulated_parameters(simulation).as_built(known)
+    parameters = simulated_parameters(simulation).as_built(known)
     memory = RigInMemory(rig, run)
     for stage in bus_stages(rig, simulation):
         memory.bus.add(stage)
@@ -220,7 +220,7 @@ def virtual_session(
         lambda order: json.decode(execute_order(rig.faults, json.encode(order), nullcontext()))
     )
     try:
-        yield Session(bench, memory.clock, True, told, known, listen=memory.can)
+        yield Session(bench, memory.clock, True, parameters, known, listen=memory.can)
     finally:
         bench.close()
 

@@ -26,9 +26,9 @@ def commit() -> str:
         revision = _git("rev-parse", "HEAD")
         changed = revision and _git("status", "--porcelain", "--untracked-files=no")
         return f"{revision[:12]} + changes" if changed else revision[:12]
-    told = Path(__file__).with_name(TOLD)
-    if told.exists():
-        return told.read_text(encoding="ascii").strip()
+    file = Path(__file__).with_name(TOLD)
+    if file.exists():
+        return file.read_text(encoding="ascii").strip()
     try:
         source = metadata.distribution("astb").read_text("direct_url.json")
     except metadata.PackageNotFoundError:

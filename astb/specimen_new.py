@@ -176,13 +176,13 @@ def _measured(
         )
     if result.reason:
         raise SpecimenError(f"plan {name} cannot run with these springs: {result.reason}")
-    told = []
+    found = []
     for check in result.checks:
         number = round((check.high or 0.0) - _WIDE)
         marks = check.value is not None and check.high is not None and check.low == -check.high
         if marks and 1 <= number <= len(places):
-            told.append((places[number - 1], (check.number, check.name)))
-    return told
+            found.append((places[number - 1], (check.number, check.name)))
+    return found
 
 
 def _limits(

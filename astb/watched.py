@@ -156,10 +156,10 @@ class _News:
 def _conclude(
     twin: "subprocess.Popen[str]", directory: Path, news: _News, warn: Callable[[str], None]
 ) -> None:
-    wall, pulse, reported, said = RealClock(), _Pulse(twin), False, ""
+    wall, pulse, reported, output = RealClock(), _Pulse(twin), False, ""
     while True:
         try:
-            _, said = twin.communicate(timeout=_AGAIN)
+            _, output = twin.communicate(timeout=_AGAIN)
             break
         except subprocess.TimeoutExpired:
             late = wall.now() > _PATIENCE * NS
@@ -179,5 +179,5 @@ def _conclude(
         if story is not None:
             news.report(story, final=True)
             return
-    text = said.strip().splitlines()[-1] if said.strip() else "without an error message"
+    text = output.strip().splitlines()[-1] if output.strip() else "without an error message"
     warn(f"the twin failed: {text}; repeat it with `astb watch {directory}`")

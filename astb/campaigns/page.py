@@ -229,8 +229,8 @@ def write_workbook(rows: Sequence[Row], path: Path) -> None:
         )
         sheet.write_row(0, 0, columns, head)
         for place, one in enumerate(distributions(rows), 1):
-            told = (one.check, one.unit, one.low, one.high, one.mean, one.scatter, one.failed, one.cases)
-            write_row(sheet, place, (*one.kind, *told))
+            numbers = (one.check, one.unit, one.low, one.high, one.mean, one.scatter, one.failed, one.cases)
+            write_row(sheet, place, (*one.kind, *numbers))
         sheet.freeze_panes(1, 0)
 
 

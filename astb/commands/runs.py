@@ -146,7 +146,7 @@ def _list_runs(runs: "list[KeptRun]", folder: Path) -> None:
         plan_words = " ".join([one.plan, *(f"{name}={value}" for name, value in one.parameters.items())])
         verdict_mark = styled(one.verdict, _STYLE.get(one.verdict, ""))
         began = one.began.replace("T", " ").removesuffix("Z")
-        told = (
+        columns = (
             one.directory,
             began,
             plan_words,
@@ -155,7 +155,7 @@ def _list_runs(runs: "list[KeptRun]", folder: Path) -> None:
             one.operator,
             str(one.notes or ""),
         )
-        table.add_row(verdict_mark, *told)
+        table.add_row(verdict_mark, *columns)
     open_console().print(table)
 
 
@@ -416,11 +416,11 @@ def _of_one_kind(check: str, checks: "list[KeptCheck]") -> "list[KeptCheck]":
         lines = [
             " ".join(
                 [
-                    f'--plan {plan} --phase "{phase}" --rig "{rig}" --circumstances "{told}"',
+                    f'--plan {plan} --phase "{phase}" --rig "{rig}" --circumstances "{circumstances}"',
                     *(f"--set {n}='{v}'" for n, v in given),
                 ]
             )
-            for plan, phase, rig, told, given in kinds
+            for plan, phase, rig, circumstances, given in kinds
         ]
         misuse(f"{check} was measured in {len(kinds)} ways; choose one of\n  " + "\n  ".join(lines))
     return checks

@@ -50,10 +50,10 @@ def kept_outline(out: Path, plan: str, parameters: dict[str, str]) -> Outline:
 def _written(path: Path) -> int:
     """Return the time at which a file was written (ns since 1970), 0 if there is none."""
     try:
-        told = path.stat()
+        status = path.stat()
     except OSError:
         return 0
-    return told.st_mtime_ns if S_ISREG(told.st_mode) else 0
+    return status.st_mtime_ns if S_ISREG(status.st_mode) else 0
 
 
 def _is_of(path: Path, plan: str) -> bool:

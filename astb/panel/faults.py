@@ -53,12 +53,12 @@ def _order(rig: RigFile, order: dict[str, Any]) -> dict[str, Any]:
     if rig.simulation is None:
         raise CannotDo(f"{rig.name} is a real rig; faults can be inserted only into a simulated rig")
     try:
-        told = ask(control_path(rig.modbus.host, rig.modbus.port), msgspec.json.encode(order))
+        line = ask(control_path(rig.modbus.host, rig.modbus.port), msgspec.json.encode(order))
     except OSError as error:
         raise CannotDo(
             f"the simulated rig cannot be reached: {error.strerror or error}; check that it runs"
         ) from None
-    answer: dict[str, Any] = msgspec.json.decode(told)
+    answer: dict[str, Any] = msgspec.json.decode(line)
     if "error" in answer:
         raise CannotDo(answer["error"])
     return answer

@@ -107,12 +107,12 @@ class Runs:
                 raise CannotDo("STOP was pressed while the run was starting; the run was ended at once")
 
     def _launch(
-        self, plan: str, settings: Mapping[str, str], told: Mapping[str, str], more: Sequence[str]
+        self, plan: str, settings: Mapping[str, str], options: Mapping[str, str], more: Sequence[str]
     ) -> None:
         command = [sys.executable, "-m", "astb", "run", plan, "--rig", str(self._watch.path)]
         command += ["--out", str(self.out), "--answers", PANEL]
         command += [part for name, text in settings.items() for part in ("--set", f"{name}={text}")]
-        command += [f"--{name}={text}" for name, text in told.items() if text]
+        command += [f"--{name}={text}" for name, text in options.items() if text]
         command += more
         if self._log is not None:  # the log of the previous run is no longer requested
             self._log.unlink(missing_ok=True)

@@ -279,10 +279,10 @@ class Watch:
         readings, glimpse = listening.readings, listening.readings.glimpse
         state, run = _choice(readings, "rig.state"), self._run()
         late, latest, lease = glimpse("rig.late_ticks"), glimpse("rig.lateness_max"), glimpse("rig.lease")
-        told = readings.sample("rig.state")
+        sample = readings.sample("rig.state")
         silent = (
-            f"no message from the rig for {told.age:.1f} s; check the rig"
-            if told.quality is not Quality.GOOD
+            f"no message from the rig for {sample.age:.1f} s; check the rig"
+            if sample.quality is not Quality.GOOD
             else ""
         )
         return Status(
@@ -334,8 +334,8 @@ def _lacks_stop(rig: RigFile, path: Path) -> str:
 def valves(listening: Listening) -> dict[str, str]:
     """Return the settings of the valves that the rig has."""
     has = [name for name in VALVES if name not in listening.wiring.absent]
-    told = listening.settings.readings(*has) if has else {}
-    return {name: _word(name, value) for name, value in told.items()}
+    settings = listening.settings.readings(*has) if has else {}
+    return {name: _word(name, value) for name, value in settings.items()}
 
 
 def _comes(readings: Readings, name: str) -> bool:

@@ -110,9 +110,11 @@ class Past(NamedTuple):
         broken = [
             " ".join((name, *(f"{k}={v}" for k, v in values.items()))) for name, values in self.changes.faults
         ]
-        told = [*otherwise.told, *broken]
+        changes = [*otherwise.told, *broken]
         return (
-            [f"{self.record.path.parent} continues from {self.at:g} s with {'; '.join(told)}"] if told else []
+            [f"{self.record.path.parent} continues from {self.at:g} s with {'; '.join(changes)}"]
+            if changes
+            else []
         )
 
     def report(self, directory: Path) -> list[str]:

@@ -81,10 +81,10 @@ def described(simulator: Simulator, parameters: Mapping[str, float], effects: Ef
     nominal = {parameter.name: parameter for parameter in simulator.nuisances}
     moved = [name for name, one in nominal.items() if parameters.get(name, one.nominal) != one.nominal]
     names = [*moved, *(name for name in nominal if name not in moved)]
-    told = [*_effects(simulator, effects)] + [
+    texts = [*_effects(simulator, effects)] + [
         _valued(name, parameters.get(name, nominal[name].nominal), nominal[name].unit) for name in names
     ]
-    return ", ".join(told[:PARAMETERS_SHOWN]) + (", …" if len(told) > PARAMETERS_SHOWN else "")
+    return ", ".join(texts[:PARAMETERS_SHOWN]) + (", …" if len(texts) > PARAMETERS_SHOWN else "")
 
 
 def _effects(simulator: Simulator, effects: Effects) -> Iterator[str]:

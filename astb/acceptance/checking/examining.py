@@ -53,13 +53,13 @@ class _Examination:
     def report(self, rig: str, dimensions: Dimensions | None) -> CheckReport:
         wiring, stated = self.wiring, NAMES if dimensions is None else dimensions.known
         played = wiring.played
-        told = [one for one in self.table.of_kind(*READ) if one.name not in (*wiring.absent, *played)]
-        coming = [one for one in told if wiring.freshness[self.table.index[one.name]] > 0]
+        reported = [one for one in self.table.of_kind(*READ) if one.name not in (*wiring.absent, *played)]
+        coming = [one for one in reported if wiring.freshness[self.table.index[one.name]] > 0]
         with Capture(self._receiver, [one.name for one in coming]) as capture:
             self.clock.sleep_until(self.clock.now() + round(LISTEN * NS))
             now = self.clock.now()
         lines = {one.name: self._signal_line(one, capture, now) for one in coming}
-        asked = [one for one in told if one.name not in lines] + [
+        asked = [one for one in reported if one.name not in lines] + [
             one for one in self.table.of_kind(Kind.SETTING) if one.name not in (*wiring.absent, *played)
         ]
         lines |= {one.name: self._line_on_request(one) for one in asked}

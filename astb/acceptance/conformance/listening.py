@@ -93,8 +93,10 @@ def _contents(access: RawAccess, frames: Block) -> Notebook:
         elif good.min() < signal.low or good.max() > signal.high:
             outside.append(f"{name} = {signal.show(float(good[np.abs(good).argmax()]))}")
     book.note("values out of their range", not outside, ", ".join(outside) or "none", "none")
-    told = [name for name in silent if TABLE[name].group is not None]
-    book.note("measurements that are not available", not told, ", ".join(told) or "none", "none")
+    measurements = [name for name in silent if TABLE[name].group is not None]
+    book.note(
+        "measurements that are not available", not measurements, ", ".join(measurements) or "none", "none"
+    )
     map_hash = access.listener.latest("rig.map_hash")
     found = "not reported" if np.isnan(map_hash) else f"{int(map_hash):#010x}"
     right = f"{TABLE.map_hash:#010x}"

@@ -99,7 +99,7 @@ def way_up(
 def _small_move(access: RawAccess, stream: Stream, book: Notebook) -> None:
     access.wait(500 * ms)
     start = access.listener.latest("platform.vertical")
-    told = access.clock.now()
+    commanded = access.clock.now()
     stream.set("platform.vertical_setpoint", start + MOVE)
     arrived = access.wait_for(
         lambda: abs(access.listener.latest("platform.vertical") - start - MOVE) <= THERE, MOVE_WITHIN
@@ -114,8 +114,8 @@ def _small_move(access: RawAccess, stream: Stream, book: Notebook) -> None:
         apart=THERE,
     )
     times, values = access.listener.series("platform.vertical")
-    begun = times[(times > told) & (values - start > BEGUN)]
-    latency = (begun[0] - told) / NS if begun.size else float("nan")
+    begun = times[(times > commanded) & (values - start > BEGUN)]
+    latency = (begun[0] - commanded) / NS if begun.size else float("nan")
     book.note(
         "from set-point to motion",
         latency <= LATENCY_MAX,

@@ -109,11 +109,11 @@ def are_exponents(cells: Sequence[str]) -> bool:
 def unread_scaling(names: Sequence[str], used: Sequence[int], cells: Sequence[str]) -> str:
     """Return the name and the cell of an unread column that may change the number of a row; "" for none."""
     for index, name in enumerate(names):
-        told = cells[index].strip() if index < len(cells) else ""
-        if index in used or not SCALING.search(name.lower()) or _NOTHING.fullmatch(told):
+        cell = cells[index].strip() if index < len(cells) else ""
+        if index in used or not SCALING.search(name.lower()) or _NOTHING.fullmatch(cell):
             continue
-        if not re.fullmatch(r"0([.,]0+)?", told):
-            return f"column {name} with {told!r} may change the numbers, but its meaning is unknown; use a column scale"
+        if not re.fullmatch(r"0([.,]0+)?", cell):
+            return f"column {name} with {cell!r} may change the numbers, but its meaning is unknown; use a column scale"
     return ""
 
 

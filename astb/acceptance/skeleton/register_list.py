@@ -164,7 +164,7 @@ def _points(
         else:
             points.append(point)
     notes = [f"Left out: {', '.join(names)}: {reason}." for reason, names in left_out.items()]
-    return points, notes + [f"{said}." for said in shared_registers(places)]
+    return points, notes + [f"{note}." for note in shared_registers(places)]
 
 
 def _rows(path: Path, lines: Sequence[str]) -> tuple[list[_Row], dict[str, str], list[str]]:
@@ -207,8 +207,8 @@ def _refuse_open(path: Path, lines: Sequence[str], delimiter: str, names: Sequen
         cells = {row[index] for row in rows if len(row) > index and row[index]}
         nothing, right = OPEN.get(_plain(name), ("", ""))
         if right and cells - {nothing, f"{nothing}.0", f"{nothing},0"}:
-            told = min(cells - {nothing})
-            raise WiringError(f"{path}: the column {name}, such as {told}, is not read: {right}")
+            example = min(cells - {nothing})
+            raise WiringError(f"{path}: the column {name}, such as {example}, is not read: {right}")
         if _plain(name) in DEVICES and len(cells) > 1:
             raise WiringError(
                 f"{path}: the column {name} has {', '.join(sorted(cells)[:4])}; split the list into one per device"
@@ -226,8 +226,8 @@ def _with_bit(where: str, row: _Row) -> _Row:
     if not bit:
         return row
     if not re.fullmatch(r"\d{1,2}", bit) or int(bit) > 15:
-        told = f"address = {row.address!r}" if point else f"bit = {row.bit!r}"
-        raise WiringError(f"{where}: {told}; the bit of a register must be 0 (the lowest) to 15")
+        shown = f"address = {row.address!r}" if point else f"bit = {row.bit!r}"
+        raise WiringError(f"{where}: {shown}; the bit of a register must be 0 (the lowest) to 15")
     return replace(row, address=address, bit=str(int(bit)))
 
 
@@ -248,9 +248,9 @@ def _head(path: Path, lines: Sequence[str]) -> tuple[str, int, dict[str, int]]:
             found["address"] = found.pop("table")
     for key in ("name", "address"):
         if key not in found:
-            told = [_plain(cell) for cell in next(cells_of([lines[index]], delimiter), (0, []))[1]]
+            names = [_plain(cell) for cell in next(cells_of([lines[index]], delimiter), (0, []))[1]]
             raise WiringError(
-                f"{path}: there is no column {key}; the columns are {', '.join(told) or 'none'}"
+                f"{path}: there is no column {key}; the columns are {', '.join(names) or 'none'}"
             )
     return delimiter, index, found
 
@@ -288,7 +288,7 @@ def _access(
     """Return for each line whether a point can be read and written; None if the list does not state it."""
     codes = {row.line: set(re.findall(r"\d+", row.function.replace("0x", ""))) for row in rows}
     codes = {line: {code.lstrip("0") for code in found} for line, found in codes.items()}
-    told = any(
+    lists_writing = any(
         found & WRITING for found in codes.values()
     )  # a list with a write function in one row has it in every writable row
     #: Where a list has separate tables for readings, writable points are settings.
@@ -296,21 +296,21 @@ def _access(
     found: dict[int, tuple[bool, bool] | None] = {}
     for row in rows:
         where, table = f"{path}, row {row.line}", tables[row.line]
-        said = ACCESS.get(_plain(row.access)) if row.access else None
-        if row.access and said is None:
+        access = ACCESS.get(_plain(row.access)) if row.access else None
+        if row.access and access is None:
             raise WiringError(f"{where}, column access: {row.access!r} must be R, W or R/W")
         if table in ("input", "discrete"):
-            if said is not None and said[1]:
+            if access is not None and access[1]:
                 raise WiringError(
                     f"{where}, column access: {row.access!r}, but the table {table} is read-only; only holding and "
                     "coil can be written"
                 )
-            said = True, False
-        elif said is None and told and codes[row.line]:
-            said = True, bool(codes[row.line] & WRITING)
-        elif said is None and ("input" if table == "holding" else "discrete") in apart:
-            said = False, True
-        found[row.line] = said
+            access = True, False
+        elif access is None and lists_writing and codes[row.line]:
+            access = True, bool(codes[row.line] & WRITING)
+        elif access is None and ("input" if table == "holding" else "discrete") in apart:
+            access = False, True
+        found[row.line] = access
     return found
 
 

@@ -113,7 +113,7 @@ def skeleton(
         points += rows
         text += "".join(f"# {note}\n" for note in listed.notes)
         text += _PLC
-    written, told = matches(points)
+    written, readable = matches(points)
     if rows:
         text += "[transports.plc.points]\n" + "".join(f"{_line(row, written)}\n" for row in rows) + "\n"
     needed = _needed_by()
@@ -121,7 +121,7 @@ def skeleton(
     for group, names in GROUPS.items():
         text += f"# -- {group}\n"
         for name in names:
-            text += _entry(TABLE[name], written[name], told.get(name), needed.get(name, ""))
+            text += _entry(TABLE[name], written[name], readable.get(name), needed.get(name, ""))
     return text + "\n" + _SEQUENCES
 
 
@@ -158,10 +158,10 @@ def _needed_by() -> dict[str, str]:
     return {name: f"{len(needing)} plans need it" for name, needing in found if name in TABLE.index}
 
 
-def _entry(signal: Signal, one: Match, told: Match | None, needed: str) -> str:
+def _entry(signal: Signal, one: Match, back: Match | None, needed: str) -> str:
     """Return the lines of one signal."""
     head = f"# {signal.description} ({signal.range_text()})" + (f"; {needed}" if needed else "") + "\n"
-    if one.clear is not None and (keys := _keys(signal, one.clear, told.clear if told else None)):
+    if one.clear is not None and (keys := _keys(signal, one.clear, back.clear if back else None)):
         return f'{head}"{signal.name}" = {{ {keys} }}\n'
     others = "".join(
         f"#   {value:.2f} {point.name}{_unit(point)}{_numbers(point)}\n" for value, point in one.candidates
@@ -199,6 +199,6 @@ def _unit(point: DescribedPoint) -> str:
 
 def _numbers(point: DescribedPoint) -> str:
     """Return the meaning of each number of a candidate, or the text of the list."""
-    told = ", ".join(f"{number} {text}" for text, number in point.choices.items())
-    told = told or (" ".join(point.context.split()) if point.line else "")
-    return f" ({told[:_TOLD_MAX]})" if told else ""
+    meaning = ", ".join(f"{number} {text}" for text, number in point.choices.items())
+    meaning = meaning or (" ".join(point.context.split()) if point.line else "")
+    return f" ({meaning[:_TOLD_MAX]})" if meaning else ""
