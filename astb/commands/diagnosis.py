@@ -70,7 +70,7 @@ def diagnose_command(
     """Find errors of a model in measured data, and extend the model.
 
     DATA are folders of runs, such as those of `astb run screening`, or data files with a --map. A map is not necessary
-    if the columns have the signal names of the --simulator. An FMU always needs one.
+    if the columns have the signal names of the --simulator. For an FMU, a map is always necessary.
 
     The command compares data and model, identifies the cause of a deviation, adds it to the model and validates the
     result. It writes OUT/finding.json and OUT/report.html. If it finds a cause, it also writes extended.toml, a model

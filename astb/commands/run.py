@@ -61,7 +61,8 @@ _KEPT: Final = (
         "run_by",
         envvar="ASTB_OPERATOR",
         default="",
-        help="Name of the operator, for record and report.  [default: ASTB_OPERATOR of the environment]",
+        help="Name of the operator, for record, report and queue.  [default: ASTB_OPERATOR of the environment; "
+        "for the queue, else the user account]",
     ),
     click.option(
         "--ambient",
@@ -135,7 +136,7 @@ def run_command(
       1  a plan fails
       2  wrong usage
       3  a plan is blocked by the rig or by a precondition
-      4  all measured checks pass, but the rig cannot measure some checks
+      4  all measured checks pass, but some checks were not measured
       6  all plans pass, but the rig deviates from its model (--watch)
     """
     from astb.run import deviates, run_plans

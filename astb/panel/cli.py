@@ -69,7 +69,7 @@ def panel_command(
     mqtt: tuple[str, int] | None,
     out: Path,
 ) -> None:
-    """Serve a web page that shows and controls a rig.
+    """Serve a web page that shows a rig, and starts and stops runs.
 
     It prints two addresses: one can only watch, the other can also control the rig. If a simulated rig does not answer,
     the panel starts it. A run continues when the panel ends, and the next panel shows it.

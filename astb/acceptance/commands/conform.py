@@ -38,7 +38,7 @@ def conform_command(target: str, other: Path | None, json_path: Path | None, all
     """Test the messages and registers of a rig against the protocol.
 
     It tests timing, states, refused commands, limits and Modbus exceptions. TARGET is the folder or
-    file of a rig, or a name of `astb list rigs`. Nothing moves without --allow-motion.
+    file of a rig, or a name of `astb list rigs`. Without --allow-motion, a correct rig does not move.
 
     Exit codes: 0 if all tests pass and, with --against, both rigs are equal, 1 if not, 2 for wrong usage, 3 if no
     rig answers.

@@ -2,7 +2,7 @@
 
 
 def hall_checksum(identifier: int, data: bytes) -> int:
-    """Return the byte of Check: from 0xA5 on, rotated left by one bit and xored with each byte before it."""
+    """Return the byte of Check: start with 0xA5; for each byte, rotate left by one bit, then XOR the byte."""
     check = 0xA5
     for byte in identifier.to_bytes(4, "big") + data[:7]:
         check = (check << 1 & 0xFF | check >> 7) ^ byte
