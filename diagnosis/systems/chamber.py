@@ -39,7 +39,7 @@ _NUISANCES: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chamber:
-    """The simulator. The only input is ``clock``, seconds since the start of the file. Settings and pressures are in
+    """The simulator. The only input is ``time``, seconds since the start of the file. Settings and pressures are in
     SI.
 
     The setting ``start_pressure`` of each experiment is its measured gauge pressure at the start.
@@ -64,7 +64,7 @@ class Chamber:
         return ()
 
     def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array:
-        clock = experiment.inputs["clock"]
+        clock = experiment.inputs["time"]
         zero = parameters.get("pressure_zero", 0.0)
         start = experiment.settings["start_pressure"] + parameters.get("start_pressure_error", 0.0) - zero
         filling = effects.get("filling_heat", {})
@@ -169,7 +169,7 @@ def _empty(
 
 
 def _prepare(step: float, clock: Array, measured: Mapping[str, Array]) -> Mapping[str, Array]:
-    return {"clock": clock}
+    return {"time": clock}
 
 
 def _begin(measured: Mapping[str, Array]) -> Mapping[str, float]:

@@ -48,7 +48,7 @@ _NUISANCES: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piston:
-    """The simulator, driven by ``displacement``, ``speed``, ``pressure``, ``pressure_rate`` and ``clock``.
+    """The simulator, driven by ``displacement``, ``speed``, ``pressure``, ``pressure_rate`` and ``time``.
 
     Output is the force in N. ``middle`` is the x_m of the effects' equations.
     """
@@ -76,7 +76,7 @@ class Piston:
 
     def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array:
         inputs = experiment.inputs
-        x, v, p, clock = (inputs[name] for name in ("displacement", "speed", "pressure", "clock"))
+        x, v, p, clock = (inputs[name] for name in ("displacement", "speed", "pressure", "time"))
         if "pressure_lag" in effects:
             p = p + effects["pressure_lag"]["lag"] * inputs["pressure_rate"]
         area = 0.25 * pi * self.bore**2 * (1.0 + parameters.get("area_error", 0.0))
@@ -133,7 +133,7 @@ def _prepare(step: float, clock: Array, measured: Mapping[str, Array]) -> Mappin
         "speed": _smooth(step, measured["displacement"], 1),
         "pressure": measured["pressure"],
         "pressure_rate": _smooth(step, measured["pressure"], 1),
-        "clock": clock,
+        "time": clock,
     }
 
 

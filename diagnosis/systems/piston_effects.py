@@ -68,7 +68,7 @@ def _force(name: str, low: float, spread: float = 10.0, step: float = 1e-3) -> P
 
 def _presliding() -> Parameter:
     return Parameter(
-        "presliding",
+        "presliding_distance",
         "m",
         0.1e-3,
         0.15e-3,
@@ -83,7 +83,9 @@ def _presliding() -> Parameter:
 
 def _share() -> Parameter:
     # Above 1 the friction would be negative without pressure: no seal drives its piston.
-    return Parameter("pressure_share", "1", 0.7, 0.4, low=0.0, high=1.0, step=0.01, display="%", scale=0.01)
+    return Parameter(
+        "share_growing_with_pressure", "1", 0.7, 0.4, low=0.0, high=1.0, step=0.01, display="%", scale=0.01
+    )
 
 
 def _lag() -> Parameter:
@@ -133,10 +135,9 @@ _EFFECTS: Final = (
         touches=frozenset({"force"}),
         confusers=("force_lag",),
         phenomenon="friction of the seals",
-        separated_by="the same motion at two pressures, with reversals sampled finely",
+        separated_by="the same motion at two pressures, with many samples at each reversal",
         equation=f"F = p·A + F_4·(1 − w + w·p/4 bar)·α(x; x_2)\n{_SYMBOLS}; {_SEAL}; α: friction state after "
-        f"Berg, from −1 to 1, which changes its sign after a reversal over the presliding displacement x_2 (m); "
-        f"{_PLACE}",
+        f"Berg, from −1 to 1; x_2: distance after a reversal in which the friction changes its sign (m); {_PLACE}",
         source=f"{_SEALS}; presliding: {_BERG}",
     ),
     Hypothesis(
@@ -297,7 +298,7 @@ class Stroke:
     def seal(self, values: Mapping[str, float]) -> Array:
         """Return the friction of a seal under pressure, in N."""
         return values["force_at_4_bar"] * (
-            1.0 + values["pressure_share"] * (self.p / REFERENCE_PRESSURE - 1.0)
+            1.0 + values["share_growing_with_pressure"] * (self.p / REFERENCE_PRESSURE - 1.0)
         )
 
 
@@ -306,7 +307,7 @@ FORCES: Final[Mapping[str, Callable[[Stroke, Mapping[str, float]], Array]]] = Ma
     {
         "coulomb": lambda s, k: k["force"] * s.direction(),
         "seal_friction": lambda s, k: s.seal(k) * s.direction(),
-        "seal_presliding": lambda s, k: s.seal(k) * friction_state(s.x, k["presliding"]),
+        "seal_presliding": lambda s, k: s.seal(k) * friction_state(s.x, k["presliding_distance"]),
         "stribeck": lambda s, k: k["force"] * np.exp(-((s.v / k["speed"]) ** 2)) * s.direction(),
         "friction_gradient": lambda s, k: k["force_per_length"] * s.from_middle * s.direction(),
         "viscous": lambda s, k: k["damping"] * s.v,

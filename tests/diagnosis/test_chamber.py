@@ -14,7 +14,7 @@ CHANNELS = tuple(signal.channel(0.0, 0.0) for signal in CHAMBER.outputs)
 
 def hold(seconds: float = 60.0, start: float = 7e5) -> Experiment:
     clock = np.arange(0.0, seconds, STEP)
-    return Experiment("hold", clock, {"clock": clock}, {"start_pressure": start})
+    return Experiment("hold", clock, {"time": clock}, {"start_pressure": start})
 
 
 @pytest.fixture(scope="module")

@@ -95,7 +95,7 @@ def strokes(effects, roles=("fit",), seed=4):
             "speed": np.gradient(x, STEP),
             "pressure": p,
             "pressure_rate": np.gradient(p, STEP),
-            "clock": clock,
+            "time": clock,
         }
         experiment = Experiment(f"stroke {k}", clock, inputs)
         force = system.run(experiment, {}, effects) + 0.05 * rng.standard_normal((len(clock), 1))
@@ -104,7 +104,13 @@ def strokes(effects, roles=("fit",), seed=4):
 
 
 def fitted(presliding):
-    hidden = {"seal_presliding": {"force_at_4_bar": 6.0, "pressure_share": 0.6, "presliding": presliding}}
+    hidden = {
+        "seal_presliding": {
+            "force_at_4_bar": 6.0,
+            "share_growing_with_pressure": 0.6,
+            "presliding_distance": presliding,
+        }
+    }
     system, data = strokes(hidden, roles=("fit", "fit"))
     effect = system.catalogue["seal_presliding"]
     start = base_point(system.nuisances, [r.experiment.record for r in data.runs])
@@ -116,7 +122,7 @@ def test_a_presliding_below_the_travel_per_sample_is_a_bound():
     effect, model = fitted(10e-6)
     place = model.point.place(effect_coordinates(effect)[2])
     assert resolution(model, place) == pytest.approx(SPEED * STEP, rel=0.01)
-    assert below_resolution(model, effect) == ["presliding"]
+    assert below_resolution(model, effect) == ["presliding_distance"]
     force, share, presliding = intervals(effect, model, model.covariance())
     assert presliding.value is None and presliding.below == pytest.approx(0.1, rel=0.01)
     assert force.low < 6.0 < force.high and share.low < 60.0 < share.high

@@ -234,7 +234,7 @@ def test_runs_of_what_does_not_forget_begin_with_their_file_and_share_its_start(
     _, dataset = read_mapped(paths, mapping)
     assert [run.experiment.record for run in dataset.runs] == ["a"] * 4 + ["b"] * 4
     for run in dataset.runs:
-        assert run.experiment.inputs["clock"][0] == 0.0
+        assert run.experiment.inputs["time"][0] == 0.0
         assert (
             run.experiment.settings["start_pressure"] == dataset.runs[0].experiment.settings["start_pressure"]
         )

@@ -102,7 +102,7 @@ def test_friction_state_stays_within_one_and_follows_the_motion(steps: list[floa
 def test_coulomb_friction_is_the_limit_without_presliding(piston) -> None:
     run = strokes()
     sharp = piston.run(run, {}, {"coulomb": {"force": 5.0}})
-    limit = {"force_at_4_bar": 5.0, "pressure_share": 0.0, "presliding": 1e-6}
+    limit = {"force_at_4_bar": 5.0, "share_growing_with_pressure": 0.0, "presliding_distance": 1e-6}
     assert sharp == pytest.approx(piston.run(run, {}, {"seal_presliding": limit}))
     sliding = np.abs(run.inputs["speed"]) > 9.9e-3
     sliding[:100] = False
@@ -113,7 +113,7 @@ def test_coulomb_friction_is_the_limit_without_presliding(piston) -> None:
 def test_seal_friction_is_affine_in_the_pressure(piston) -> None:
     def half_loop(pressure: float) -> float:
         run = strokes(pressure)
-        effects = {"seal_friction": {"force_at_4_bar": 8.0, "pressure_share": 0.75}}
+        effects = {"seal_friction": {"force_at_4_bar": 8.0, "share_growing_with_pressure": 0.75}}
         friction = piston.run(run, {}, effects) - piston.run(run, {}, {})
         return float(np.median(np.abs(friction)))
 

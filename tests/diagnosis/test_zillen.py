@@ -107,7 +107,7 @@ def test_affine_friction_predicts_strokes_at_a_pressure_that_it_has_not_seen(
 ) -> None:
     # The numbers come from a least-squares fit at 1 and 5 bar with another program; the runs below are at 7 bar.
     simulator, dataset = actuator(seal)
-    seal_friction = {"seal_friction": {"force_at_4_bar": friction, "pressure_share": share}}
+    seal_friction = {"seal_friction": {"force_at_4_bar": friction, "share_growing_with_pressure": share}}
     nuisances = {"area_error": 0.0105, "force_zero": 0.4}
     before = rms(errors(simulator, dataset.of("report"), nuisances))
     after = rms(errors(simulator, dataset.of("report"), nuisances, seal_friction))
@@ -149,7 +149,7 @@ def test_a_slow_leak_does_not_identify_its_law() -> None:
     simulator, dataset = chamber("Aluminium")
     runs = dataset.runs
     start = runs[0].experiment.settings["start_pressure"]
-    clock = np.concatenate([run.experiment.inputs["clock"][run.scored] for run in runs])
+    clock = np.concatenate([run.experiment.inputs["time"][run.scored] for run in runs])
     measured = np.concatenate([run.outputs[run.scored, 0] for run in runs])
     there = np.isfinite(measured)
     lines = {}
@@ -219,7 +219,7 @@ def test_the_diagnosis_names_the_seal_and_does_not_claim_that_this_is_all(
         "seal_presliding"
     ] * lagging
     assert finding.causes[0].effect == "seal_presliding"
-    presliding = next(one for one in finding.causes[0].parameters if one.name == "presliding")
+    presliding = next(one for one in finding.causes[0].parameters if one.name == "presliding_distance")
     assert presliding.value is None and 0.06 < presliding.below < 0.3
     assert finding.causes[0].gained > 0.9
     assert finding.remains  # whatever the verdict, the page says that something is left
@@ -229,7 +229,7 @@ def test_the_diagnosis_names_the_seal_and_does_not_claim_that_this_is_all(
     assert gain.rmse_after > 2.0 * gain.floor  # the residual is not noise
     assert f"to {finding.gains[0].noise_ratio:.3g} times the noise" in finding.sentence
     assert gain.rmse_before < 1.02 * textbook(dataset)
-    share = next(one for one in finding.causes[0].parameters if one.name == "pressure_share")
+    share = next(one for one in finding.causes[0].parameters if one.name == "share_growing_with_pressure")
     assert 0.0 <= share.low < share.value < share.high <= 100.0  # no seal drives its piston
     # The tutorial states the same, to the last digit or one next to it.
     _, names, *told = row_of(seal)
