@@ -17,6 +17,8 @@ from diagnosis.contracts import DataQuality, DiagnosisError
 #: Status of a cause: *named* if it improves the prediction of runs that nothing was fitted to.
 NAMED: Final = "named"
 SUSPECTED: Final = "suspected"
+#: Outcome of an effect whose score an accepted cause explains.
+EXPLAINED: Final = "below the threshold in the final model"
 
 
 class Verdict(StrEnum):

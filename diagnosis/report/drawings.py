@@ -20,6 +20,12 @@ if TYPE_CHECKING:
 BEFORE, AFTER, MEASURED = PALETTE[1], PALETTE[0], "#c3cad0"
 #: Width of a letter in the widest font of the pages (inches).
 LETTER = 0.066
+#: Names of the two models of a finding; equal names are one model.
+CAUSES, FUNCTION, MODEL = (
+    ("without the cause", "with the cause"),
+    ("base model", "with the fitted function"),
+    ("model", "model"),
+)
 #: Rows and columns that a drawing has room for.
 MOST_SCORES = 24
 
@@ -29,15 +35,18 @@ def values(numbers: Sequence[float | None]) -> Array:
     return np.array([np.nan if n is None else n for n in numbers], dtype=np.float64)
 
 
-def trace_curves(name: str, trace: Trace) -> str:
+def trace_curves(name: str, trace: Trace, names: tuple[str, str]) -> str:
     """Draw a few seconds of a report run: measured, and predicted by both models."""
     with style():
         figure, axes = panel(2.25, width=4.72, left=0.66, right=0.12, bottom=0.48, top=0.30)
         times = np.array(trace.times)
         # A wide pale band: it shows on both sides of a line that runs along it.
         axes.plot(times, values(trace.measured), color=MEASURED, linewidth=4.0, label="measured")
-        axes.plot(times, values(trace.before), color=BEFORE, linewidth=1.1, dashes=(4, 1.6), label="before")
-        axes.plot(times, values(trace.after), color=AFTER, linewidth=0.9, label="after")
+        if names[0] != names[1]:
+            axes.plot(
+                times, values(trace.before), color=BEFORE, linewidth=1.1, dashes=(4, 1.6), label=names[0]
+            )
+        axes.plot(times, values(trace.after), color=AFTER, linewidth=0.9, label=names[1])
         axes.margins(x=0.0, y=0.06)
         heading(axes, trace.channel, trace.unit)
         _foot(axes, f"time in s, {trace.run}")
@@ -45,7 +54,7 @@ def trace_curves(name: str, trace: Trace) -> str:
         return svg(figure, name)
 
 
-def trace_errors(name: str, trace: Trace) -> str:
+def trace_errors(name: str, trace: Trace, names: tuple[str, str]) -> str:
     """Draw the errors over the whole run, between their extremes, and the noise as a band of two standard
     deviations.
     """
@@ -56,16 +65,17 @@ def trace_errors(name: str, trace: Trace) -> str:
             axes.axhspan(
                 -2.0 * trace.noise, 2.0 * trace.noise, color="#d3dae0", linewidth=0, label="noise (95 %)"
             )
-        axes.plot(times, values(trace.error_before), color=BEFORE, linewidth=0.8, label="before")
-        axes.plot(times, values(trace.error_after), color=AFTER, linewidth=0.8, label="after")
+        if names[0] != names[1]:
+            axes.plot(times, values(trace.error_before), color=BEFORE, linewidth=0.8, label=names[0])
+        axes.plot(times, values(trace.error_after), color=AFTER, linewidth=0.8, label=names[1])
         axes.margins(x=0.0, y=0.06)
-        heading(axes, f"{trace.channel}: measured minus predicted", trace.unit)
+        heading(axes, f"error of {trace.channel}", trace.unit)
         _foot(axes, f"time in s, {trace.run}")
         _legend(axes)
         return svg(figure, name)
 
 
-def gain_rows(name: str, gains: Sequence[Gain]) -> str:
+def gain_rows(name: str, gains: Sequence[Gain], names: tuple[str, str]) -> str:
     """Draw the error in each channel over its noise, before and after, on a logarithmic scale that ends at the
     noise.
     """
@@ -79,14 +89,14 @@ def gain_rows(name: str, gains: Sequence[Gain]) -> str:
         for place, gain in enumerate(rows):
             before, after = gain.noise_ratio_before or 1.0, gain.noise_ratio or 1.0
             axes.plot([after, before], [place, place], color="#b9c2ca", linewidth=2.0, zorder=1)
-            axes.plot(before, place, "D", color=BEFORE, markersize=5, label="before" if place == 0 else None)
-            axes.plot(after, place, "o", color=AFTER, markersize=5.5, label="after" if place == 0 else None)
+            axes.plot(before, place, "D", color=BEFORE, markersize=5, label=None if place else names[0])
+            axes.plot(after, place, "o", color=AFTER, markersize=5.5, label=None if place else names[1])
         axes.axvline(1.0, color=SOFT, linewidth=0.9, linestyle=(0, (3, 2)))
         _log_axis(axes, "x", [n for g in rows for n in (g.noise_ratio_before, g.noise_ratio)])
         axes.set_yticks(range(len(rows)), [gain.channel for gain in rows], color=INK)
         axes.set_ylim(len(rows) - 0.4, -0.6)
         axes.grid(visible=False, axis="y")
-        heading(axes, "Error over noise", "", what="RMS error / noise")
+        heading(axes, "RMS error divided by the noise", "", what="")
         _legend(axes)
         return _sized(svg(figure, name), width)
 
@@ -128,12 +138,12 @@ def score_points(name: str, scores: Sequence[Score], threshold: float) -> str:
         _plain_log(axes, "x")
         axes.set_yticks(range(len(shown)), [s.title for s in shown], color=INK)
         axes.set_ylim(len(shown) - 0.4, -0.6)
-        heading(axes, "Scores", "", what=f"filled: cause; dashed: threshold {threshold:.2f}")
+        heading(axes, "Scores", "", what=f"filled: cause; dashed line: threshold {threshold:.2f}")
         return _sized(svg(figure, name), labels + 4.15)
 
 
 def panel_map(name: str, rows: Sequence[PanelRow]) -> str:
-    """Draw all tests over all channels with their statistics if significant; a dot where a test does not apply.
+    """Draw all tests over all channels, darker for a clearer error; a dot where a test does not apply.
 
     The p-value would not distinguish them: in long runs it is 0 for every error.
     """
@@ -162,9 +172,6 @@ def panel_map(name: str, rows: Sequence[PanelRow]) -> str:
             size = row.statistic or 0.0
             depth = math.log1p(size) / math.log1p(largest) if row.significant else 0.0
             axes.add_patch(_cell(x, y, colors(depth)))
-            if row.significant:
-                ink = "white" if depth > 0.6 else INK
-                axes.text(x, y, _short(size), ha="center", va="center", fontsize=6.5, color=ink)
         _name_cells(axes, channels, tests)
         return _sized(svg(figure, name), width + right)
 
@@ -214,14 +221,6 @@ def _name_cells(axes: Axes, columns: Sequence[str], rows: Sequence[str], rotatio
 def _room(names: Sequence[str], least: float = 0.0) -> float:
     """Return the width (inches) of the longest of some names in the page's font."""
     return max(least, 0.25 + LETTER * max(map(len, names)))
-
-
-def _short(size: float) -> str:
-    """Return a statistic with at most five characters: thousands with k, millions with M."""
-    for name, unit in (("", 1.0), ("k", 1e3), ("M", 1e6)):
-        if size < 999.5 * unit:
-            return f"{size / unit:.3g}{name}"
-    return "> 1G"
 
 
 def _cell(x: float, y: float, color: Any) -> Any:
@@ -307,29 +306,6 @@ def _tick_labels(numbers: Array) -> list[str]:
     decimals = max(0, 1 - math.floor(math.log10(reach))) if reach > 0.0 else 3
     rounded = [round(float(n), decimals) for n in numbers]
     return [fixed(n, decimals) if n else "0" for n in rounded]
-
-
-def shift_rows(name: str, rows: Sequence[tuple[str, float]]) -> str:
-    """Draw the shift of parameters of the base model, in standard deviations of the base model's fit."""
-    with style():
-        height, left = 0.215 * len(rows) + 0.80, _room([label for label, _ in rows], 2.25)
-        width = left + 4.15
-        figure, axes = panel(height, width=width, left=left, right=0.6, bottom=0.46, top=0.30)
-        axes.axvspan(-1.96, 1.96, color=SHADE, linewidth=0)
-        for place, (_, sigmas) in enumerate(rows):
-            axes.plot([0, sigmas], [place, place], color="#b9c2ca", linewidth=2.0, zorder=1)
-            axes.plot(sigmas, place, "o", color=AFTER if abs(sigmas) < 1.96 else BEFORE, markersize=5)
-        reach = max(3.0, 1.4 * max(abs(sigmas) for _, sigmas in rows))
-        axes.set_xscale("symlog", linthresh=3.0, linscale=1.2)
-        axes.set_xlim(-reach, reach)
-        ticks = [t for t in (-1000, -100, -10, -3, 0, 3, 10, 100, 1000) if abs(t) <= reach]
-        axes.set_xticks(ticks, [str(t).replace("-", "\u2212") for t in ticks])
-        axes.minorticks_off()
-        axes.set_yticks(range(len(rows)), [label for label, _ in rows], color=INK)
-        axes.set_ylim(len(rows) - 0.4, -0.6)
-        axes.grid(visible=False, axis="y")
-        heading(axes, "Shift of the base parameters", "", what="in standard deviations")
-        return _sized(svg(figure, name), width)
 
 
 def _foot(axes: Axes, text: str) -> None:

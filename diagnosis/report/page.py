@@ -6,12 +6,11 @@ import re
 from collections.abc import Iterator, Sequence
 from itertools import starmap
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from bench_records.document import (
-    Banner,
     Document,
     bullets,
     caption,
@@ -20,7 +19,6 @@ from bench_records.document import (
     facts_table,
     figure,
     joined,
-    key_facts,
     pairs,
     paragraph,
     section,
@@ -30,10 +28,13 @@ from bench_records.document import (
 from bench_records.twin import PARTS
 from bench_records.typography import primed
 from diagnosis.contracts import DataQuality
-from diagnosis.estimates import Z95, in_words
+from diagnosis.engine.config import SEPARABLE
+from diagnosis.estimates import Z95, in_words, percent
 from diagnosis.finding import (
+    EXPLAINED,
     Cause,
     CheckPrediction,
+    Coverage,
     Estimate,
     Finding,
     Gain,
@@ -47,10 +48,14 @@ from diagnosis.finding import (
     Verdict,
 )
 from diagnosis.report import drawings
-from diagnosis.report.words import chance, gained, pair, percent, percents, prose, shown, typeset, unit
+from diagnosis.report.words import pair, prose, shown, typeset, unit
 
 #: The page is for reading; finding.json has all data.
-TRACES, FIGURES, SENTENCES, SHIFTS, RUNS = 4, 6, 14, 16, 12
+TRACES, FIGURES, SENTENCES, SHIFTS, RUNS = 4, 6, 8, 16, 12
+#: A signal with a smaller error, divided by the noise, has no row.
+AT_NOISE: Final = 1.1
+#: The level of the noise band on the page.
+COVERED: Final = 0.95
 TONES: Final = {
     Verdict.NO_EFFECT: "calm",
     Verdict.NAMED: "found",
@@ -71,32 +76,26 @@ HEADLINES: Final = {
 }
 
 
-#: Terms of the statistics and their meaning.
+#: Terms of the page and their meaning.
 _TERMS: Final = (
-    ("base model", "the model that was diagnosed, with its parameters fitted to the data"),
-    ("candidate", "an effect that the base model lacks and that the diagnosis tests"),
-    ("cause", "a candidate that passed every test, and is accepted"),
-    ("final model", "the base model with the causes"),
-    ("fit runs", "runs to which parameters are fitted"),
-    ("validation runs", "runs that select among the candidates"),
-    ("test runs", "runs on which the error is measured; no fit uses them"),
-    ("prior", "the expected value of a parameter before the fit, with its uncertainty"),
-    ("residual", "measured value minus value of the fitted model, also called error"),
+    ("base model", "the model without the cause, with its parameters fitted to the data"),
+    ("fit runs", "runs to which the parameters are fitted"),
+    ("validation runs", "runs with which the causes are selected"),
+    ("test runs", "runs that are only used to check the prediction"),
+    ("error", "measured value minus value of the model; RMS: root of the mean square"),
+    ("noise", "scatter of a measured signal that no model can predict (RMS)"),
     (
-        "footprint",
-        "the change of the measured values by an effect, after subtraction of what other parameters can also produce",
+        "score",
+        "size of an effect in the error of the base model, divided by the standard deviation of this size",
     ),
-    ("score", "the fitted size of a footprint in the residual, divided by its standard deviation"),
-    ("threshold", "the score that chance alone seldom exceeds"),
-    ("λ", "how much an accepted cause explains: the root of the increase of χ² without it"),
-    ("cosine", "the similarity of two footprints, from 0 (different) to 1 (equal)"),
-    ("BIC", "a number that compares models by their misfit and number of parameters; a lower BIC is better"),
-    ("log density", "how well a model and its stated uncertainty predict new runs; a higher value is better"),
+    ("threshold", "chance alone hardly ever gives a larger score"),
+    ("final model", "the model with the causes"),
 )
+_DOUBTFUL: Final = Markup("<b>Doubtful:</b> ")
 _STYLE: Final = """\
 .banner.calm { --tone: var(--pass); } .banner.found { --tone: var(--found); }
 .banner.open { --tone: var(--marginal); } .banner.alarm { --tone: var(--fail); }
-.banner .word { font-size: 1.25rem; letter-spacing: .06em; max-width: 15rem; line-height: 1.2; }
+.banner { border-left-width: .6rem; }
 .cause { border-left: 4px solid var(--found); padding: .15rem 0 .2rem 1.1rem; margin: 0 0 1.5rem; break-inside: avoid; }
 .cause.rival { border-color: #b87a00; } .cause table { max-width: 38rem; margin: .4rem 0 .5rem; }
 .cause small { font: 400 .8rem/1.3 "Helvetica Neue", Helvetica, "Liberation Sans", sans-serif; color: var(--soft); }
@@ -104,32 +103,12 @@ _STYLE: Final = """\
 .source { color: var(--soft); font-size: .84rem; }
 .share { background: var(--part); height: .72em; display: inline-block; min-width: 1px; vertical-align: middle; }
 h3.sub { margin: 1.5rem 0 .5rem; } .bars { width: 30%; } * + .pair { margin-top: 1rem; }
-dl.first > div { display: grid; grid-template-columns: 8.5rem 1fr; gap: 0 .8rem; margin-bottom: .3rem; }
+dl.first > div { display: grid; grid-template-columns: 10rem 1fr; gap: 0 .8rem; margin-bottom: .3rem; }
 dl.first, dl.first dd { margin: 0; } dl.first dt { color: var(--soft); }
 @media (max-width: 40rem) { dl.first > div { grid-template-columns: 1fr; } }
 .statistics { font-size: 1.5rem; margin: 2.4rem 0 .6rem; }
 ul.sentences { max-width: 54rem; } ul.sentences li { margin-bottom: .18rem; }
 """
-#: Names of the settings of a diagnosis on the page.
-_SETTINGS: Final = {
-    "alpha": "chance of a false alarm per diagnosis",
-    "alpha_unknown": "significance level of unknown effects (surfaces)",
-    "max_effects": "maximum number of causes",
-    "fits": "candidates fitted in each step",
-    "ambiguous": "largest BIC gap of alternatives",
-    "lpd_loss": "largest permitted loss of log density of the validation runs",
-    "workers": "processor threads",
-    "rough": "smallest λ of a further cause, divided by λ of the accepted causes",
-    "gain": "smallest share of the error that a cause must explain",
-    "with_panel": "tests of the error calculated",
-    "with_gain": "improvement on test runs calculated",
-    "effects": "tested effects",
-}
-_DOUBTFUL: Final = Markup("<b>Doubtful:</b> ")
-_COVERED: Final = (
-    "If fewer samples than expected are in a band, the errors are larger than the noise. If more samples are in it, "
-    "the noise was estimated too large."
-)
 
 
 class RunOfInvestigation(NamedTuple):
@@ -177,21 +156,18 @@ def render(finding: Finding, history: InvestigationHistory | None = None) -> str
     """Return the page of a finding."""
     simulator = finding.provenance.simulator
     lines = (element("dt", label) + element("dd", prose(text)) for label, text in first_screen(finding))
+    summary = element("dl", joined(element("div", one) for one in lines), "first")
+    tone = "open" if finding.suspected else TONES[finding.verdict]
     shows_proof = finding.models.effects and finding.traces and not finding.suspected
     head = (
         bullets((_DOUBTFUL + prose(one) for one in finding.doubts), "sentences"),
-        bullets(map(prose, finding.readings), "sentences"),
-        Banner(
-            "suspected" if finding.suspected else finding.verdict.value,
-            element("dl", joined(element("div", one) for one in lines), "first"),
-            tone="open" if finding.suspected else TONES[finding.verdict],
-        ),
-        figure(drawings.trace_errors("proof", finding.traces[0]) if shows_proof else ""),
+        element("div", element("div", summary, "why"), f"banner {tone}"),
+        figure(drawings.trace_errors("proof", finding.traces[0], drawings.CAUSES) if shows_proof else ""),
     )
     return Document(
-        f"{finding.verdict.value} – diagnosis of {simulator}",
+        f"{headline(finding)} – diagnosis of {simulator}",
         f"Diagnosis\u2002·\u2002{simulator}",
-        [*_conclusions(finding, history), *_statistics(finding), *_tests(finding), *_limits(finding)],
+        [*_conclusions(finding, history), *_details(finding), *_tests(finding), *_limits(finding)],
         heading=headline(finding),
         banner=joined(head),
         style=_STYLE,
@@ -199,32 +175,36 @@ def render(finding: Finding, history: InvestigationHistory | None = None) -> str
 
 
 def _conclusions(finding: Finding, history: InvestigationHistory | None) -> Iterator[Markup]:
-    """Yield the sections on data quality, causes and rivals, suspects, history, unknown effects, detectability and
-    gain.
+    """Yield the sections on causes and rivals, suspects, next runs, unknown effects, detectability, gain, history and
+    open points.
     """
-    titles = _titles(finding)
-    if finding.quality:
-        heads = "file | column | check | finding | count | first at | treatment"
-        yield section(
-            "Data quality",
-            "The checks of the data found these problems.",
-            table(heads, map(_quality_row, finding.quality)),
-        )
     if finding.causes:
-        others = "Other causes that explain these runs equally well"
+        titles = _titles(finding)
+        several = bool(finding.causes[1:])
         yield section(
-            "The causes" if finding.causes[1:] else "The cause",
+            "The causes" if several else "The cause",
             *map(_cause, finding.causes),
-            subheading(others) if finding.ambiguous_with else "",
-            *(_candidate(one, f", instead of: {titles[one.instead_of]}") for one in finding.ambiguous_with),
+            subheading("Other causes that explain the data equally well") if finding.ambiguous_with else "",
+            *(
+                _candidate(one, f"Possible instead of {titles[one.instead_of]}." if several else "")
+                for one in finding.ambiguous_with
+            ),
         )
     if finding.suspects:
         yield section(
             "Where to look first",
-            "None of these candidates passes every test. If the structure of the model has an error, this list can "
-            "show effects that the rig does not have.",
-            *(_candidate(one, note=f"Not accepted: {typeset(one.why)}.") for one in finding.suspects),
+            "None of these effects passes every test. If the model has another error, the rig may have none of them.",
+            *(_candidate(one, f"Not accepted: {typeset(one.why)}.") for one in finding.suspects),
         )
+    if finding.next_runs or finding.next_sensors:
+        yield _next_steps(finding)
+    kept = [one for one in finding.unknowns if one.kept]
+    if kept:
+        yield section("Unknown effects", *starmap(_unknown, enumerate(kept)))
+    if finding.verdict is Verdict.NO_EFFECT:
+        yield _detectable(finding.not_seen)
+    if finding.gains:
+        yield _gain(finding)
     if history:
         rows = [
             (place, run.plan, run.minutes, prose(run.why), prose(run.conclusion))
@@ -233,53 +213,42 @@ def _conclusions(finding: Finding, history: InvestigationHistory | None) -> Iter
         used = f"{shown(sum(run.minutes for run in history.runs))} of {shown(history.budget)} minutes on the bench"
         yield section(
             "How this was found",
-            table(":n | plan | minutes :n value | why | result so far", rows),
+            table(":n | plan | duration in min :n value | reason | result so far", rows),
             caption(f"The runs used {used}. Reason for the end: {typeset(history.ended)}"),
         )
-    if finding.unknowns:
-        yield section("Unknown effects", *starmap(_unknown, enumerate(finding.unknowns)))
-    if finding.verdict is Verdict.NO_EFFECT:
-        yield _detectable(finding.not_seen)
-    if finding.gains:
-        yield _gain(finding)
-
-
-def _quality_row(one: DataQuality) -> tuple[object, ...]:
-    doubt = Markup("; <b>doubt</b>") if one.doubt else ""
-    of = f"gap{'s' if one.count > 1 else ''} in" if one.check == "missing" else "of"
-    found, count = prose(one.found), f"{one.count} {of} {one.samples} samples"
-    return one.file, one.column, one.check, found, count, one.first, escape(prose(one.consequence)) + doubt
+    unused = [one.sentence for one in finding.unknowns if not one.kept]
+    if finding.remains or unused:
+        yield section("Open points", bullets(map(prose, [*finding.remains, *unused]), "sentences"))
 
 
 def _cause(cause: Cause) -> Markup:
     """Return a cause and the other laws of its phenomenon."""
-    other = f", another law of {cause.phenomenon}"
     separated = (
         f" This run can distinguish them: {typeset(cause.separated_by)}." if cause.separated_by else ""
     )
-    note = f"These runs cannot distinguish this law from {cause.title}.{separated}"
-    return joined([_candidate(cause), *(_candidate(law, other, note) for law in cause.laws)])
+    note = f"Another law of {cause.phenomenon}. The data cannot distinguish it from {cause.title}.{separated}"
+    return joined([_candidate(cause), *(_candidate(law, note) for law in cause.laws)])
 
 
-def _candidate(one: Cause | Rival | Suspect, about: str = "", note: str = "") -> Markup:
-    name = element("small", f"\u2002family: {one.family}\u2002·\u2002key: {one.effect}{about}")
+def _candidate(one: Cause | Rival | Suspect, note: str = "") -> Markup:
+    name = element("small", f"\u2002effect name: {one.effect}")
     rows = [(in_words(p.name), pair(p.value, p.sd)[0], unit(p.unit), interval(p)) for p in one.parameters]
     source = getattr(one, "source", "")
     equation, _, symbols = getattr(one, "equation", "").partition("\n")
     parts = (
-        element("h3", joined([one.title, " ", name])),
+        element("h3", joined([prose(one.title), " ", name])),
+        caption(note),
         paragraph(equation, "equation"),
-        paragraph(symbols, "source"),
+        bullets(symbols.split("; ") if symbols else (), "source"),
         table("parameter | value :n value | unit :u | 95 % interval :n", rows),
         paragraph(source and f"Source: {source}", "source"),
-        caption(note),
     )
     return element("div", joined(parts), "cause" if isinstance(one, Cause) else "cause rival") + "\n"
 
 
 def _unknown(place: int, one: Unknown) -> Markup:
     about = paragraph(prose(one.sentence)) + caption(
-        "A surface is a smooth function of two quantities. It has no physical law and does not name a cause."
+        "The function has no physical law and does not name a cause."
     )
     drawn = drawings.panel_figure(f"unknown{place}", one.title, one.figure) if one.figure else ""
     return element("div", element("div", about) + figure(drawn), "pair")
@@ -289,164 +258,93 @@ def _detectable(unseen: Sequence[Unseen]) -> Markup:
     """Return the sizes from which on effects would be found; empty without any."""
     if not unseen:
         return Markup()
-    heads = "effect | family :u | smallest :n value | unit :u | remaining footprint :n | result :u words"
+    hidden: dict[str, list[str]] = {}
+    for one in unseen:
+        if one.smallest is None:
+            hidden.setdefault(one.sentence, []).append(one.title)
+    sized = [(one.title, typeset(one.sentence)) for one in unseen if one.smallest is not None]
     return section(
         "Smallest detectable effects",
-        "An effect that was not found may still exist. At the size in this table or above, it would be found in 95 of "
-        "100 cases.",
-        table(heads, map(_unseen_row, unseen)),
-        caption(
-            "The remaining footprint is the share of the effect on the measured values that the model cannot imitate."
-        ),
+        "An effect that was not found may still exist. From the size in this table on, these runs show it in 95 of 100 "
+        "cases."
+        if sized
+        else "",
+        table("effect | detectable size", sized),
+        subheading("Effects without a detectable size") if hidden else "",
+        table("effects | reason", [("; ".join(names), prose(why)) for why, names in hidden.items()]),
     )
-
-
-def _unseen_row(one: Unseen) -> tuple[object, ...]:
-    measured_in = "" if one.smallest is None else unit(one.unit)
-    return one.title, one.family, one.smallest, measured_in, percent(one.visible), prose(one.sentence)
 
 
 def _gain(finding: Finding) -> Markup:
     """Return the errors of both models on the report runs, and their curves."""
-    extended, report = bool(finding.models.effects), finding.provenance.report
-    covered = (map(percent, (one.level, one.before, one.after)) for one in finding.coverage)
-    within = [(f"in the range that contains {level} of the noise", *both, level) for level, *both in covered]
+    runs = finding.provenance.report
+    names = (
+        drawings.CAUSES if finding.models.effects else drawings.FUNCTION if _kept(finding) else drawings.MODEL
+    )
+    both = len(set(names)) > 1
+    above = [one for one in finding.gains if one.channel == "all" or not _at_noise(one)]
+    quiet = len(finding.gains) - len(above)
+    heads = f"signal | error {names[0]} :n | " + f"error {names[1]} :n value | " * both + "noise :n | unit :u"
     return section(
-        "Improvement on the test runs" if extended else "How well the model predicts the test runs",
-        f"No parameter was fitted to {'these runs' if report[1:] else 'this run'}: {', '.join(report)}.",
-        table(
-            "channel | RMS error before :n | after :n value | noise :n | unit :u | before, share of the signal :n "
-            "words | after, share of the signal :n words | after, times the noise :n words | removed share of the "
-            "squared error :n value words | 95 % interval :n",
-            map(_gain_row, finding.gains),
-        ),
+        "Improvement on the test runs" if both else "How well the model predicts the test runs",
+        f"RMS errors on the {f'{len(runs)} test runs' if runs[1:] else 'test run'}. No parameter was fitted to "
+        f"{'these runs' if runs[1:] else 'this run'}.",
+        table(heads, (_gain_row(one, both=both) for one in above)),
         caption(
-            "Before: the base model. After: the model with the causes. The signal is the standard deviation of the "
-            "measured values. The removed share is (RMS₀² − RMS₁²) / (RMS₀² − noise²). RMS₀ is the RMS error before, "
-            "and RMS₁ after. No model can remove the noise."
+            f"The errors of {quiet} other signal{'s are' if quiet > 1 else ' is'} at the noise."
+            if quiet
+            else ""
         ),
-        table("share of the samples | before :n | after :n value | expected :n", within, "numbers"),
-        caption(_COVERED if within else ""),
-        drawing(drawings.gain_rows("gains", finding.gains) if extended else ""),
+        *(caption(_covered(one, names)) for one in finding.coverage if one.level == COVERED),
+        drawing(drawings.gain_rows("gains", above, names) if both else ""),
         pairs(
-            draw(f"{name}{place}", one)
+            draw(f"{name}{place}", one, names)
             for place, one in enumerate(finding.traces[:TRACES])
             for name, draw in (("trace", drawings.trace_curves), ("error", drawings.trace_errors))
         ),
     )
 
 
-def _gain_row(one: Gain) -> tuple[object, ...]:
-    removed = "within the noise" if one.fraction is None else percent(one.fraction)
-    shares = (percent(one.nrmse_before), percent(one.nrmse_after), one.noise_ratio, removed)
-    errors = (one.rmse_before, one.rmse_after, one.floor, unit(one.unit))
-    return one.channel, *errors, *shares, percents(one.fraction_low, one.fraction_high)
+def _at_noise(one: Gain) -> bool:
+    ratios = one.noise_ratio_before, one.noise_ratio
+    return all(ratio is not None and ratio < AT_NOISE for ratio in ratios)
 
 
-def _statistics(finding: Finding) -> Iterator[Markup]:
-    """Yield the figures behind the verdict: of the models, of the parameters and of each candidate."""
-    source = finding.provenance
-    gain = next((one for one in finding.gains if one.channel == "all" and one.noise_ratio is not None), None)
-    facts = {
-        "error before, on the test runs": gain and f"{shown(gain.noise_ratio_before)} × noise",
-        "error after": gain and f"{shown(gain.noise_ratio)} × noise",
-        "reduction of the RMS error (not squared) beyond the noise": gain
-        and gain.fraction is not None
-        and percent(gain.reduction),
-        "fit, validation and test runs": f"{len(source.fit)}, {len(source.select)}, {len(source.report)}",
-        "tested effects": str(len(finding.scores)),
-        "chance of a false alarm per diagnosis": percent(finding.alpha),
-    }
-    known = key_facts((name, text) for name, text in facts.items() if text)
-    yield element("h2", "Statistics", "statistics") + known
+def _kept(finding: Finding) -> bool:
+    return any(one.kept for one in finding.unknowns)
+
+
+def _covered(one: Coverage, names: tuple[str, str]) -> str:
+    """Return the share of samples within the noise, by both models."""
+    level, before, after = (percent(part or 0.0) for part in (one.level, one.before, one.after))
+    found = after if names[0] == names[1] else f"{before} {names[0]} and {after} {names[1]}"
+    return f"Errors within the {level} band of the noise: {found}. A perfect model has {level}."
+
+
+def _gain_row(one: Gain, *, both: bool) -> tuple[object, ...]:
+    errors = (one.rmse_before, one.rmse_after) if both else (one.rmse_after,)
+    return "all signals" if one.channel == "all" else one.channel, *errors, one.floor, unit(one.unit)
+
+
+def _details(finding: Finding) -> Iterator[Markup]:
+    """Yield terms, and predicted results of plans."""
     yield section("Terms", facts_table(_TERMS))
-    if finding.imitations:
-        yield section(
-            "Parameters that imitate the cause",
-            "Without the cause, the fitted values of these parameters are far from the expected values. With the "
-            "cause, they are near these. The distances are in standard deviations of the prior.",
-            table(
-                "parameter | run :u | without the cause :n value | with the cause :n | expected (prior) :n | "
-                "± (95 %) :n | unit :u | distance without the cause :n words | distance with the cause :n words",
-                map(_imitation_row, finding.imitations[:SHIFTS]),
-            ),
-        )
     if finding.checks:
-        extended = ", and by the model with the causes (extended)" if finding.models.effects else ""
-        heads = (
-            "check | stock :n | tuned :n | extended :n value | ± (95 %) :n | measured :n value | unit :u | "
-            "measured in :u"
-        )
+        measured = any(one.measured is not None for one in finding.checks)
+        heads = "result | original parameters :n | fitted parameters :n | with the cause (95 % interval) :n value | "
+        heads += "unit :u" + " | measured :n | measured in :u" * measured
         yield section(
             "Predicted results of test plans",
-            "These stiffnesses K′ and dampings c are predicted by the model with its parameters as shipped (stock), by "
-            f"the base model at its best fit (tuned){extended}. AW0 is the empty car, AW3 the full car.",
-            table(heads, map(_check_row, finding.checks)),
-            caption(
-                "The column ± is half of the 95 % interval of the extended prediction. No parameter was fitted to "
-                "these results."
-            ),
+            "K′ is the dynamic stiffness, and c the damping. AW0 is the empty car, and AW3 the full car. No parameter "
+            "was fitted to these results.",
+            table(heads, (_check_row(one)[: 7 if measured else 5] for one in finding.checks)),
         )
-    if rows := [*_strengths(finding)]:
-        heads = (
-            "effect | status | score :n | λ :n | BIC :n | log density of the validation runs :n | cosine :n"
-        )
-        yield section(
-            "Strength of the evidence",
-            f"The threshold of the scores is {shown(finding.threshold)}.",
-            table(heads, rows),
-            caption(
-                "An alternative remains possible if its BIC is worse by less than 10. If the remaining error exceeds "
-                "the noise, an alternative that predicts the test runs equally well also remains possible."
-            ),
-        )
-    if finding.next_runs or finding.next_sensors:
-        yield _next_steps(finding)
-
-
-def _imitation_row(one: Imitation) -> tuple[object, ...]:
-    values = (shown(n, 4) for n in (one.before, one.after, one.expected))
-    return (
-        in_words(one.name),
-        one.run,
-        *values,
-        shown(Z95 * one.sd, 2),
-        unit(one.unit),
-        one.sigmas,
-        one.sigmas_after,
-    )
 
 
 def _check_row(one: CheckPrediction) -> tuple[str, ...]:
     stock, tuned, measured = (pair(n, one.uncertainty)[0] for n in (one.stock, one.tuned, one.measured))
-    extended = pair(one.extended, one.uncertainty)
-    return primed(one.name), stock, tuned, *extended, measured, unit(one.unit), one.run
-
-
-def _strengths(finding: Finding) -> Iterator[tuple[object, ...]]:
-    """Yield effect, status, score, λ, BIC, log predictive density and cosine of each cause, rival and suspect."""
-    titles = _titles(finding)
-    for cause in finding.causes:
-        gains = (gained(cause.bic_gain), gained(cause.lpd_gain))
-        yield cause.title, cause.status, cause.score, cause.strength, *gains, ""
-    for rival in finding.ambiguous_with:
-        gap = gained(None if rival.bic_gap is None else -rival.bic_gap)
-        yield (
-            rival.title,
-            f"instead of: {titles[rival.instead_of]}",
-            "",
-            "",
-            f"{gap} than with that cause",
-            "",
-            rival.cosine,
-        )
-    for suspect in finding.suspects:
-        yield suspect.title, "not accepted", "", suspect.strength, "", "", ""
-    for one in finding.unknowns:
-        near = "; ".join(f"{titles[other.effect]} (cosine {shown(other.cosine)})" for other in one.nearest)
-        test = f"χ² = {shown(one.statistic)} with {one.freedom} degrees of freedom, p {chance(one.p)}"
-        text = f"fitted surface, no cause. Test on the fit runs: {test}. Similar effects: {near}"
-        yield one.title, text, "", "", "", gained(one.lpd_gain), ""
+    extended = " ± ".join(pair(one.extended, one.uncertainty))
+    return primed(one.name), stock, tuned, extended, unit(one.unit), measured, one.run
 
 
 def _next_steps(finding: Finding) -> Markup:
@@ -458,24 +356,18 @@ def _next_steps(finding: Finding) -> Markup:
         (
             run.experiment,
             run.minutes,
-            _gap(run.bic_gap),
-            _gap(run.per_minute),
+            "yes" if (run.bic_gap or 0.0) >= SEPARABLE else "no",
             _share(run.per_minute, most),
             keys.sub(lambda key: titles[key[0]], run.pair),
         )
         for run in finding.next_runs[:RUNS]
     ]
-    note = (
-        "The BIC gap shows how much worse the wrong model would predict this run. The parameters of both models are "
-        "fitted again, within their tolerances. A gap of 10 is enough to distinguish the models."
-    )
-    heads = "run | minutes :n | expected BIC gap :n value | gap per minute :n | :bars | causes that this "
-    heads += "run distinguishes least :u"
+    heads = "run | duration in min :n | distinguishes all causes :u | power per minute :bars | most similar causes :u"
     sensors = bullets((prose(one.sentence) for one in finding.next_sensors), "sentences")
     return section(
         "How to distinguish the causes",
+        "Make the first run of this table next." if rows else "",
         table(heads, rows),
-        caption(note if rows else ""),
         subheading("Reference measurements that also help") + sensors if sensors else "",
     )
 
@@ -487,105 +379,105 @@ def _share(value: float | None, most: float) -> Markup:
 
 def _tests(finding: Finding) -> Iterator[Markup]:
     """Yield the scores of all candidates, with those that were rejected, and the tests of the residuals."""
-    rejected = [
-        (one.title, one.family, one.score, typeset(one.shape), typeset(one.outcome))
-        for one in finding.scores
-        if (one.score or 0.0) > finding.threshold and one.outcome != "accepted"
+    known = {*finding.names, *(one.effect for one in finding.ambiguous_with)}
+    above = [
+        one for one in finding.scores if (one.score or 0.0) > finding.threshold and one.effect not in known
     ]
+    rejected = [(one.title, one.score, prose(one.outcome)) for one in above if one.outcome != EXPLAINED]
+    explained = len(above) - len(rejected)
     yield section(
         "Tested effects",
-        "Each candidate has a score. By chance alone, the highest of all scores exceeds the threshold in "
-        f"{percent(finding.alpha)} of diagnoses.",
+        f"{len({one.effect for one in finding.scores})} effects were tested. In {percent(finding.alpha)} of diagnoses, "
+        "chance alone gives a score above the threshold.",
         drawing(drawings.score_points("scores", finding.scores, finding.threshold)),
-        subheading("Candidates above the threshold that were not accepted") if rejected else "",
-        table("effect | family :u | score :n | at shape values :u words | reason", rejected),
+        subheading("Effects above the threshold that were not accepted") if rejected else "",
+        table("effect | score :n | reason", rejected),
+        caption(
+            f"The causes explain the scores of {explained} other effect{'s' * (explained > 1)} above the threshold."
+            if explained
+            else ""
+        ),
     )
     if not finding.panel:
         return
-    tested = [row for row in finding.panel if row.p is not None]
     clear = sorted(
-        (row for row in tested if row.significant), key=lambda row: (row.q or 0.0, -(row.statistic or 0.0))
+        (row for row in finding.panel if row.significant),
+        key=lambda row: (row.q or 0.0, -(row.statistic or 0.0)),
     )
-    by_chance = (
-        f" On average, at most {percent(0.01)} of the significant tests are false alarms." if clear else ""
-    )
-    rows = [
-        (prose(row.sentence), row.run, chance(row.q), row.points_to) for row in _one_of_each_test_first(clear)
-    ]
+    rows = [(prose(row.sentence), row.run, row.points_to) for row in _one_of_each_test_first(clear)]
     drawn = [(f"{row.title}: {row.channel}", row.figure) for row in clear if row.figure][:FIGURES]
     yield section(
-        "Tests of the error of the base model",
-        "These tests show where and when the measured values differ from the base model. No test assumes a cause. "
-        f"{len(tested)} tests apply, and {len(clear)} of them are significant.{by_chance}",
+        "Errors of the base model",
+        "These tests show where and when the measured values differ from the base model. They assume no cause.",
         drawing(drawings.panel_map("panel", finding.panel)),
         caption(
-            "Each row is a test, each column a measured signal. The number is the statistic of a significant test (k: "
-            "thousands, M: millions). A larger number makes the field darker. A field without a number can be due to "
-            "chance. Each test has its own scale, so compare numbers only within a row. A dot means that the test does "
-            "not apply."
+            "Each row is a test, and each column a signal. Orange: the test finds an error; the darker, the clearer. "
+            "Grey: chance can explain the error. Dot: the test does not apply."
         ),
-        table(
-            "result | run :u words | probability of such a result by chance :n | possible causes :u words",
-            rows,
-        ),
+        table("clearest results | run :u words | possible causes :u words", rows),
         pairs(drawings.panel_figure(f"panel{place}", *one) for place, one in enumerate(drawn)),
     )
 
 
 def _limits(finding: Finding) -> Iterator[Markup]:
-    """Yield what these runs can distinguish, how the base parameters moved, open points and provenance."""
+    """Yield what these runs can distinguish, how the base parameters changed, the data and their checks."""
     if finding.verdict is not Verdict.NO_EFFECT:
         yield _detectable(finding.not_seen)
     if finding.confusability:
         titles = _titles(finding)
-        alike = table(
-            "effect | similar effect | cosine :n | expected BIC gap :n",
-            (
-                (titles[one.first], titles[one.second], one.cosine, _gap(one.bic_gap))
-                for one in finding.confusability.pairs
-                if not one.separable
-            ),
-        )
+        alike: dict[str, list[str]] = {}
+        for one in finding.confusability.pairs:
+            if not one.separable:
+                alike.setdefault(titles[one.first], []).append(titles[one.second])
+        rows = [(first, "; ".join(others)) for first, others in alike.items()]
         yield section(
             "What these runs can distinguish",
-            "No method can distinguish two effects with the same footprint. A darker field means more similar "
-            "footprints. The numbers are cosines above 0.9.",
+            "Two effects in a dark field change the measured values in nearly the same way. A similarity of 1 means "
+            "that no method can distinguish them. The numbers are similarities above 0.9.",
             drawing(drawings.cosine_map("cosines", finding.confusability, titles)),
-            subheading("Pairs that these runs cannot distinguish at the expected size") + alike
-            if alike
-            else "",
+            subheading("Effects that these runs cannot distinguish at the expected size") if rows else "",
+            table("effect | similar effects", rows),
         )
-    if shifts := _largest_shifts(finding.shifts):
+    expected = {(one.name, one.run): one for one in finding.imitations}
+    changed = [_shift_row(one, expected.get((one.name, one.run))) for one in _largest_shifts(finding.shifts)]
+    if changed:
         yield section(
-            "The parameters of the base model, before and after",
-            "If the model lacks a cause, wrong values of its parameters compensate for the cause. Their intervals are "
-            "then too narrow. The shift is divided by the standard deviation from the fit without the cause. If a "
-            "parameter is outside the grey band, its 95 % interval in the base model was too narrow.",
-            drawing(
-                drawings.shift_rows("shifts", [(_label(shift), shift.sigmas or 0.0) for shift in shifts])
-            ),
+            "Parameters that the cause changes",
+            "Without the cause, the fit gives these parameters wrong values. The values have 95 % intervals.",
             table(
-                "parameter | run :u | before :n | ± (95 %) :n | after :n value | ± (95 %) :n | unit :u | shift, σ :n",
-                map(_shift_row, shifts),
+                "parameter | run :u | without the cause :n | with the cause :n value | expected :n | unit :u",
+                changed,
             ),
         )
-    if finding.remains:
-        yield section("Open points", bullets(map(prose, finding.remains), "sentences"))
+    if finding.quality or finding.readings:
+        yield section(
+            "Data quality",
+            bullets(map(prose, finding.readings), "sentences"),
+            table("file | columns | problem | number | treatment", _quality_rows(finding.quality)),
+        )
     yield section(
         "Data and settings",
-        "The same data, settings and versions give the same result.",
+        "The same data, settings and versions give the same result. All settings are in finding.json.",
         facts_table(_facts(finding)),
     )
 
 
-def _shift_row(one: Shift) -> tuple[str, ...]:
+def _quality_rows(rows: Sequence[DataQuality]) -> list[tuple[object, ...]]:
+    """Return a row for all columns of a file with the same result."""
+    columns: dict[tuple[str, ...], list[str]] = {}
+    for one in rows:
+        of = f"gap{'s' if one.count > 1 else ''} in" if one.check == "missing" else "of"
+        count, then = f"{one.count} {of} {one.samples} samples", prose(one.consequence)
+        key = (one.file, prose(one.found), count, f"{then}; doubtful" if one.doubt else then)
+        columns.setdefault(key, []).append(one.column)
+    return [(key[0], ", ".join(names), *key[1:]) for key, names in columns.items()]
+
+
+def _shift_row(one: Shift, prior: Imitation | None) -> tuple[str, ...]:
     numbers = ((one.before, one.sd_before), (one.after, one.sd_after))
-    before, after = (pair(value, None if sd is None else Z95 * sd) for value, sd in numbers)
-    return in_words(one.name), one.run, *before, *after, unit(one.unit), shown(one.sigmas, 2)
-
-
-def _gap(value: float | None) -> str:
-    return "below 0.01" if value is not None and value < 0.01 else shown(value)
+    before, after = (" ± ".join(pair(value, None if sd is None else Z95 * sd)) for value, sd in numbers)
+    expected = " ± ".join(pair(prior.expected, Z95 * prior.sd)) if prior else ""
+    return in_words(one.name), one.run, before, after, expected, unit(one.unit)
 
 
 def _titles(finding: Finding) -> dict[str, str]:
@@ -615,30 +507,23 @@ def _one_of_each_test_first(rows: Sequence[PanelRow]) -> list[PanelRow]:
 
 
 def _largest_shifts(shifts: Sequence[Shift]) -> list[Shift]:
-    moved = [shift for shift in shifts if shift.sigmas is not None]
+    """Return the parameters outside of their earlier 95 % intervals, largest shift first."""
+    moved = [shift for shift in shifts if abs(shift.sigmas or 0.0) > Z95]
     return sorted(moved, key=lambda shift: -abs(shift.sigmas or 0.0))[:SHIFTS]
-
-
-def _label(shift: Shift) -> str:
-    return f"{in_words(shift.name)} [{shift.run}]" if shift.run else in_words(shift.name)
 
 
 def _facts(finding: Finding) -> list[tuple[str, str]]:
     source = finding.provenance
-    facts: dict[str, Any] = {
-        "simulator": source.simulator,
+    facts = {
+        "verdict in finding.json": finding.verdict.value,
+        "model": source.simulator,
         "identity": source.identity,
         "fit runs": ", ".join(source.fit),
         "validation runs": ", ".join(source.select),
         "test runs": ", ".join(source.report),
         "files": ", ".join(source.sources),
         "hash of the data": source.digest,
-        "seed": source.seed,
-        **{f"version of {name}": number for name, number in source.versions.items()},
-        **{_SETTINGS.get(name, name): value for name, value in source.config.items() if name != "seed"},
+        "random seed": str(source.seed),
+        "software": ", ".join(f"{name} {number}" for name, number in source.versions.items()),
     }
-    return [(name, _plain(value)) for name, value in facts.items() if value not in ("", None)]
-
-
-def _plain(value: Any) -> str:
-    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+    return [(name, value) for name, value in facts.items() if value]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-from bench_records.typography import MINUS, SUPERSCRIPT, THIN_SPACE, fixed, significant, with_uncertainty
+from bench_records.typography import MINUS, SUPERSCRIPT, significant, with_uncertainty
 
 DASH = "\u2013"
 #: TOML in a sentence, to be copied: a list or a text of any key, and any value of a key of a map.
@@ -19,48 +19,11 @@ def shown(value: float | None, digits: int = 3) -> str:
     return DASH if value is None else significant(value, digits)
 
 
-def percent(value: float | None) -> str:
-    """Return a part of 1 as a percentage."""
-    return DASH if value is None else f"{_short(100.0 * value)}{THIN_SPACE}%"
-
-
-def _short(value: float) -> str:
-    """Return a number with three significant digits, without zeros at its end."""
-    text = significant(value, 3)
-    return text if "·" in text or "." not in text else text.rstrip("0").rstrip(".")
-
-
-def gained(value: float | None) -> str:
-    """Return a gain as text: better or worse by its size."""
-    return DASH if value is None else f"{'better' if value >= 0.0 else 'worse'} by {shown(abs(value))}"
-
-
-def percents(low: float | None, high: float | None) -> str:
-    """Return an interval of parts of 1 in percent, with digits by its width, and at most "> 99.9 %"."""
-    if low is None or high is None:
-        return ""
-    half = 50.0 * (min(high, 1.0) - low)
-    if low > 0.999:
-        return f"> 99.9{THIN_SPACE}%"
-    places = min(max(1 - math.floor(math.log10(half)), 0), 2) if half > 0.0 else 1
-    ends = [fixed(100.0 * end, places) for end in (low, min(high, 1.0))]
-    if ends[1] == fixed(100.0, places) and high < 1.0:
-        ends[1] = f"> {fixed(100.0 - 10.0**-places, places)}"
-    return f"{ends[0]} to {ends[1]}{THIN_SPACE}%" if ends[0] != ends[1] else f"{ends[0]}{THIN_SPACE}%"
-
-
 def pair(value: float | None, half: float | None) -> tuple[str, str]:
     """Return a number and its uncertainty, rounded to the same digit."""
     if value is None:
         return DASH, DASH
     return with_uncertainty(value, math.nan if half is None else half)
-
-
-def chance(p: float | None) -> str:
-    """Return a p-value as text; values below 10⁻⁹ are not distinguished."""
-    if p is None:
-        return DASH
-    return "<\u200910⁻⁹" if p < 1e-9 else shown(p, 2)
 
 
 def unit(name: str) -> str:

@@ -5,18 +5,10 @@ from typing import Any
 import pytest
 
 from diagnosis.finding import Gain, PanelRow
-from diagnosis.report.drawings import _short, gain_rows, panel_map, shift_rows
+from diagnosis.report.drawings import CAUSES, gain_rows, panel_map
 from tests.pictures import LOOK, faults
 
 LONG = "friction grows with the pressure, with presliding, and along the stroke"
-
-
-@pytest.mark.parametrize(
-    ("size", "text"),
-    [(3.14159, "3.14"), (999.4, "999"), (999.6, "1k"), (12345.0, "12.3k"), (1.23e6, "1.23M"), (4e9, "> 1G")],
-)
-def test_a_number_in_a_cell_is_short(size: float, text: str) -> None:
-    assert _short(size) == text and len(text) <= 5
 
 
 def _row(test: int, channel: int) -> PanelRow:
@@ -39,8 +31,7 @@ def _gain(number: int) -> Gain:
 def test_words_stay_in_their_cells_and_on_the_page(browser: Any, channels: int) -> None:
     drawings = [
         panel_map("panel", [_row(test, channel) for test in range(5) for channel in range(channels)]),
-        gain_rows("gains", [_gain(number) for number in range(3)]),
-        shift_rows("shifts", [(f"{LONG} {number}", 5.0 * number) for number in range(3)]),
+        gain_rows("gains", [_gain(number) for number in range(3)], CAUSES),
     ]
     page = browser.new_page(viewport={"width": 1200, "height": 900})
     for media in ("screen", "print"):
