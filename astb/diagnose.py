@@ -10,7 +10,6 @@ from astb.extend import write_extended
 from astb.frames_import import columns_of_frames
 from astb.menu import experiments
 from astb.stiffness import StiffnessChecks
-from astb.tables import open_table
 from bench_protocol.dimensions import ordinary
 from bench_protocol.os_errors import reason
 from bench_protocol.suggestion import did_you_mean
@@ -23,7 +22,7 @@ from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.engine.summary import TESTING
 from diagnosis.estimates import decimals, in_words
-from diagnosis.finding import Cause, CheckPrediction, Estimate, Finding, Provenance
+from diagnosis.finding import Cause, Estimate, Finding, Provenance, Rival, Suspect
 from diagnosis.report.page import first_screen, headline, write_report
 from diagnosis.systems.air_spring.simulator import AirSpring
 from diagnosis.systems.fmu.simulator import FmuSimulator
@@ -36,7 +35,6 @@ from test_plans.plans.separating import MENU
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
     from bench_records.record import Record
     from bench_sim.parameters import Parameters
@@ -258,28 +256,26 @@ def chosen_effects(
 
 
 def show(finding: Finding, out: Path, console: "Console") -> None:
-    """Print the finding: doubts, the four parts of its summary, causes with intervals, rivals, and the path of the
-    report.
+    """Print the finding: doubts, the four parts of its summary, causes with intervals, rivals, remarks on the data, and
+    the path of the report.
     """
 
     def line(text: str, style: str = "") -> None:
         console.print(text, style=style, soft_wrap=True)
 
-    for one in (*finding.readings, *_checked(finding)):
-        line(one)
     for doubt in finding.doubts:
         line(f"doubtful: {doubt}", "yellow")
     line(headline(finding), "bold")
     for label, text in first_screen(finding):
         line(f"{label}: {text}")
-    line(f"  model: {finding.provenance.identity or finding.provenance.simulator}")
-    line(f"  {_roles(finding.provenance)}")
     for one in _candidates(finding):
         line(f"  {one}")
-    if finding.checks:
-        console.print(_checks(finding.checks))
     for run in finding.next_runs[:1]:
         line(f"  command of the next run: astb run {run.experiment.partition(' ')[0]}")
+    for one in (*finding.readings, *_checked(finding)):
+        line(f"  data: {one}")
+    line(f"  model: {finding.provenance.identity or finding.provenance.simulator}")
+    line(f"  {_roles(finding.provenance)}")
     if (out / VALUES).exists():
         line(f"  parameters: {out / PARAMETERS}, and {out / VALUES} for other tools")
     line(f"  report: {out / REPORT}")
@@ -287,41 +283,25 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
 
 def _checked(finding: Finding) -> list[str]:
     """Return the results of the data checks that are no doubts, one line for all columns with the same result."""
-    columns: dict[tuple[str, str, str], list[str]] = {}
+    columns: dict[tuple[str, str], list[str]] = {}
     for row in finding.quality:
         if not row.doubt:
-            columns.setdefault((row.file, row.found, row.consequence), []).append(row.column)
-    return [
-        f"{file}, {' and '.join(names)}: {found}; {then}" for (file, found, then), names in columns.items()
-    ]
+            columns.setdefault((row.file, row.found), []).append(row.column)
+    return [f"{file}, {', '.join(names)}: {found}" for (file, found), names in columns.items()]
 
 
 def _candidates(finding: Finding) -> Iterator[str]:
     """Yield the causes with their laws, the alternatives to them, and the suspects, each with its key."""
     for cause in finding.causes:
-        yield _cause(cause)
+        yield f"cause: {_described(cause)}"
         for law in cause.laws:
-            yield f"another possible law of {cause.phenomenon}: {law.title} (key {law.effect})"
+            yield f"another possible law of {cause.phenomenon}: {_described(law)}"
     laws = {(cause.effect, law.effect) for cause in finding.causes for law in cause.laws}
     titles = {cause.effect: cause.title for cause in finding.causes}
     for rival in (one for one in finding.ambiguous_with if (one.instead_of, one.effect) not in laws):
-        yield f"possible instead of {titles[rival.instead_of]}: {rival.title} (key {rival.effect})"
+        yield f"possible instead of {titles[rival.instead_of]}: {_described(rival)}"
     for suspect in finding.suspects:
-        yield f"not accepted: {suspect.title} (key {suspect.effect})"
-
-
-def _checks(rows: Sequence[CheckPrediction]) -> "Table":
-    """Return the predicted figures of plans by each model, rounded to their uncertainty."""
-    columns = ("check", "stock", "tuned", "extended", "± (95 %)", "measured", "unit")
-    title = "Predicted stiffness K' and damping c: stock, tuned (base model), extended (with the causes)"
-    table = open_table(title, *columns, whole=columns[:1])
-    for one in rows:
-        places = decimals(-(one.uncertainty or 0.0), one.uncertainty or 0.0)
-        values = (one.stock, one.tuned, one.extended, one.uncertainty, one.measured)
-        table.add_row(
-            one.name, *("" if value is None else f"{value:.{places}f}" for value in values), one.unit
-        )
-    return table
+        yield f"not accepted: {_described(suspect)}"
 
 
 def _roles(of: Provenance) -> str:
@@ -338,9 +318,9 @@ def _runs(names: Sequence[str], most: int = 4) -> str:
     return ", ".join(names) if len(names) <= most else f"{len(names)} runs"
 
 
-def _cause(cause: Cause) -> str:
-    values = ", ".join(_estimate(one) for one in cause.parameters)
-    return f"cause: {cause.title} (key {cause.effect}): {values}"
+def _described(one: Cause | Rival | Suspect) -> str:
+    values = ", ".join(_estimate(parameter) for parameter in one.parameters)
+    return f"{one.title} (effect name {one.effect}): {values}"
 
 
 def _estimate(one: Estimate) -> str:
@@ -352,4 +332,4 @@ def _estimate(one: Estimate) -> str:
     if one.low is None or one.high is None:
         return f"{name} = {one.value:.4g}{unit}"
     digits = decimals(one.low, one.high)
-    return f"{name} = {one.value:.{digits}f}{unit} (95 %: {one.low:.{digits}f} to {one.high:.{digits}f})"
+    return f"{name} = {one.value:.{digits}f}{unit} (95 % interval: {one.low:.{digits}f} to {one.high:.{digits}f})"

@@ -78,13 +78,12 @@ def test_a_cause_that_the_base_model_imitates_says_so_first(laboratory, hidden, 
     for one in finding.imitations[:1]:
         assert one.name == imitating and one.sigmas > 4.0 >= one.sigmas_after
         assert all(
-            told in finding.summary.wrong
-            for told in (imitating, f"{one.before:.4g}", f"{one.sigmas:.3g}", f"{one.expected:.4g}")
+            told in finding.summary.wrong for told in (imitating, f"{one.before:.4g}", f"{one.expected:.4g}")
         )
 
 
 @pytest.mark.slow
-def test_doubts_and_omissions_precede_the_verdict_on_terminal_and_page(laboratory):
+def test_doubts_precede_the_verdict_and_omissions_follow_it(laboratory):
     lab = laboratory(samples=500)
     said, told = "columns.x.sign may be wrong", "a.csv: left out: 3 empty rows"
     data = replace(lab.measure(1), doubts=(said,), readings=(told,))
@@ -94,7 +93,7 @@ def test_doubts_and_omissions_precede_the_verdict_on_terminal_and_page(laborator
     out = io.StringIO()
     show(finding, Path("out"), Console(file=out, width=400))
     lines = out.getvalue().splitlines()
-    assert lines[:2] == [told, f"doubtful: {said}"]
-    assert lines[2].startswith("doubtful: stiffness was fitted as")
+    assert lines[0] == f"doubtful: {said}" and lines[1].startswith("doubtful: stiffness was fitted as")
+    assert lines.index(f"  data: {told}") > 2
     page = render(finding)
-    assert page.index(said) < page.index(told) < page.index('class="banner')
+    assert page.index(said) < page.index('class="banner') < page.index(told)
