@@ -32,7 +32,7 @@ RESULTS = {
     "after": "runs/after/leak_down/result.json",
 }
 #: The page omits what follows this in the sentence of a finding.
-LACKS = "The base model lacks this effect."
+LACKS = "The model does not contain this effect."
 Results = Mapping[str, Any]
 
 

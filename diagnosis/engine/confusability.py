@@ -127,26 +127,22 @@ def _unseen(screening: Screening, model: FittedModel, company: Company, place: i
     parts = np.abs(screening.projection.regression[:, place]) * np.sqrt(
         np.diagonal(model.linearisation.information)
     )
-    hidden_by = hides = ""
+    hidden_by = ""
     if visible < HIDDEN_FOOTPRINT and parts.size:
-        coordinate = model.point.coordinates[int(np.argmax(parts))]
-        hidden_by, hides = coordinate.label, coordinate.in_words(model.replay.simulator.catalogue)
+        hidden_by = model.point.coordinates[int(np.argmax(parts))].label
     unit = _unit(amplitude)
     if raw == 0.0:
-        sentence = "It has no influence on these runs"
+        sentence = "it has no influence on these runs"
     elif smallest > most:
-        why = f", because another value of {hides} has the same effect" if hides else ""
-        sentence = f"It is not visible in these runs{why}"
-    elif not company.quiet:
         sentence = (
-            "It may exist, but no detectable size is known, because the remaining error exceeds the noise"
+            "a parameter of the model has the same effect" if hidden_by else "it is not visible in these runs"
         )
+    elif not company.quiet:
+        sentence = "the remaining error is larger than the noise"
     else:
         at = ", ".join(_with_unit(p, v) for p, v in zip(effect.shapes, candidate.shapes, strict=True))
-        sentence = f"It would be found from {smallest / amplitude.scale:.3g} {unit}".rstrip()
-        sentence += (f" (for {at})" if at else "") + (
-            f", although a change of {hides} imitates most of it" if hides else ""
-        )
+        sentence = f"{in_words(amplitude.name)} from {smallest / amplitude.scale:.3g} {unit}".rstrip()
+        sentence += f" (for {at})" if at else ""
     return Unseen(
         effect=effect.name,
         title=effect.title,

@@ -119,7 +119,7 @@ def diagnose(
     report("looking for unknown effects", 0.91)
     judgement = without_substitutes(problem, judge(problem, found))  # steps 7 and 8
     del found  # The columns of all candidates are large and no longer needed.
-    report("measuring the gain", 0.92)
+    report("calculating the improvement", 0.92)
     return _finding(data, judgement, hypotheses, config, menu, checks)  # steps 1 and 9
 
 
@@ -346,23 +346,19 @@ def _deciding(
 def _remains(data: Dataset, judgement: Judgement, left: Remainder) -> list[str]:
     """Return sentences on unexplained errors, and on checks that were not possible."""
     screening = judgement.screened.screening
-    sentences = [
-        f"{screening.candidates[i].effect.title} has a score of {screening.z[i]:.1f} in the final model, "
-        f"above the threshold of {screening.threshold:.1f} there."
-        for i in screening.exceeding
-    ]
-    titles = {one.effect.name: one.effect.title for one in screening.candidates}
-    reasons: dict[str, str] = {}
-    for trial in judgement.found.steps[-1].trials:
-        if trial.failed:
-            reasons.setdefault(titles.get(trial.effect, trial.effect), trial.failed)
-    sentences += [f"{title} was not accepted, because {reason}." for title, reason in reasons.items()]
+    sentences = []
+    if open_ := [
+        f"{screening.candidates[i].effect.title} ({screening.z[i]:.1f})" for i in screening.exceeding
+    ]:
+        sentences.append(
+            f"These effects may also be present, because their scores in the final model are above the threshold of "
+            f"{screening.threshold:.1f}: {'; '.join(open_)}."
+        )
     if not judgement.model.converged:
         sentences.append("The fit of the last model did not converge; its intervals are not reliable.")
     if left.after > NOISE_RATIO_SHOWN:
         sentences.append(
-            f"{ROLES[left.role]}, the remaining error is {left.after:.2g} times the noise. Not every cause of this "
-            "error was found."
+            f"{ROLES[left.role]}, the remaining error is {left.after:.3g} times the noise. Not every cause was found."
         )
     if not data.of("select"):
         sentences.append(

@@ -42,14 +42,13 @@ from diagnosis.engine.noise import ChannelNoise, Noise
 from diagnosis.engine.whitening import filters
 from diagnosis.estimates import percent
 
-_STOPPED: Final = "another candidate is far better, so its fit was stopped early"
+_STOPPED: Final = "another candidate fits far better"
 
 
 def unfit(model: FittedModel, base: FittedModel) -> str:
     """Return why a fit with one more effect is not an explanation, as a clause; "" if it may be one."""
-    gap = model.bic - base.bic
-    if not gap < 0.0:
-        return f"adding it makes the BIC worse by {gap:.1f}" if model.converged else _STOPPED
+    if not model.bic < base.bic:
+        return "it does not improve the fit enough" if model.converged else _STOPPED
     return unphysical(model, base)
 
 
@@ -66,8 +65,7 @@ def useless(
     ``after`` and ``before`` are predictions of the select runs; None without select runs.
     """
     if after is not None and before is not None and before.lpd - after.lpd >= config.lpd_loss:
-        loss = before.lpd - after.lpd
-        return f"it predicts the validation runs worse (log density lower by {loss:.1f})"
+        return "it predicts the validation runs worse"
     return explains_too_little(model, after, base, before, floors, config)
 
 
@@ -128,9 +126,7 @@ def merely_rough(gained: float, explained: float, threshold: float, config: Conf
     if not explained or gained >= config.rough**2 * explained + threshold**2:
         return ""
     part = math.sqrt(gained / explained)
-    return (
-        f"its λ is only {percent(part)} of that of the accepted causes, whose equations may be that inexact"
-    )
+    return f"it is only {percent(part)} as large as the accepted causes, and their equations can have such an error"
 
 
 def explains_too_little(
@@ -161,8 +157,9 @@ def explains_too_little(
     if gained >= config.gain:
         return ""
     name = replay.simulator.channels[channel].name
-    part = f"only {percent(gained)}" if gained > 0.0 else "0 %"
-    return f"it reduces the error of {name}, where it acts most, by {part}"
+    if gained <= 0.0:
+        return f"it does not reduce the error of {name}, where it acts most"
+    return f"it reduces the error of {name}, where it acts most, by only {percent(gained)}"
 
 
 def noise_floors(channels: Sequence[Channel], runs: Sequence[MeasuredRun], noise: Noise) -> Array:

@@ -107,9 +107,9 @@ def _kind(series: Sequence[tuple[Array, float]], floor: float, ratio: float) -> 
     if line.p < 1e-3 and line.part > MOST_OF_EXCESS * excess:
         return f"a sine of {line.frequency:.3g} Hz"
     if _block_means(values, WALK_BLOCKS).var() > 0.5 * MOST_OF_EXCESS * (ratio**2 - 1.0) * floor**2:
-        return "a slow drift (random walk)"
+        return "a slow random drift"
     white = min(ljung_box(values) for values, _ in series) * len(series)
-    return "similar from one sample to the next (autocorrelation)" if white < 1e-3 else ""
+    return "similar in neighbouring samples (autocorrelation)" if white < 1e-3 else ""
 
 
 def ljung_box(values: Array) -> float:

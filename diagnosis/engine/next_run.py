@@ -140,7 +140,8 @@ def sensors(first: FittedModel, second: FittedModel) -> list[NextSensor]:
                 NextSensor(
                     name=name,
                     bic_gap=number(gap),
-                    sentence=f"{how}: the expected BIC gap grows from {before} to {gap:.3g}",
+                    sentence=f"{how}: the expected difference between the causes (BIC) grows from {before} to "
+                    f"{gap:.3g}; {DISTINGUISHED:g} is sufficient",
                 )
             )
     return sorted(found, key=lambda sensor: -(sensor.bic_gap or 0.0))[:MOST_REFERENCES]

@@ -50,7 +50,7 @@ def search(problem: Problem, progress: Progress = lambda _text, _part: None) -> 
         if done < 1.0:
             titles = [problem.hypotheses[name].title for name in state.current.effects]
             beside = " and ".join(f'"{title}"' for title in titles) or "the base model"
-            progress(f"fitting candidates in addition to {beside}", 0.1 + 0.8 * done)
+            progress(f"testing candidates in addition to {beside}", 0.1 + 0.8 * done)
             trials = fit_trials(problem, state)
         state = state.after(trials)
         chosen = choose(problem, state, trials) or choose_sufficient(problem, state, trials)

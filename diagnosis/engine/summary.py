@@ -28,7 +28,7 @@ from diagnosis.finding import (
     Verdict,
 )
 
-_CAUSES: Final = "{causes}. The base model lacks {this}.{imitated}"
+_CAUSES: Final = "{causes}. The model does not contain {this}.{imitated}"
 WRONG: Final = MappingProxyType(
     {
         Verdict.NO_EFFECT: "These runs do not contradict the model.",
@@ -37,7 +37,7 @@ WRONG: Final = MappingProxyType(
         Verdict.AMBIGUOUS: f"Possible cause: {_CAUSES}",
         Verdict.UNRESOLVED: "The model has an error, but no candidate passes every test.",
         Verdict.UNKNOWN: "The model has an error that no known effect explains. {unknown}",
-        Verdict.REMAINDER: f"{_CAUSES} The model has another error, which was not identified. {{unknown}}",
+        Verdict.REMAINDER: f"{_CAUSES} The model also has another error. Its cause is not known. {{unknown}}",
     }
 )
 #: Certainty of a verdict without causes.
@@ -45,7 +45,7 @@ CAUSELESS: Final = MappingProxyType(
     {
         Verdict.NO_EFFECT: "An effect that is too small for these runs may still exist.",
         Verdict.DOUBTFUL: "Faults of the data may hide an effect.",
-        Verdict.UNKNOWN: "A fitted surface describes the error in the stated range. It does not name a cause.",
+        Verdict.UNKNOWN: "The fitted function describes the error only in the stated range. It does not name a cause.",
     }
 )
 #: The part to inspect for a cause, by its family.
@@ -67,8 +67,8 @@ WHERE: Final = MappingProxyType(
 )
 ROLES: Final[Mapping[Role, str]] = MappingProxyType(
     {
-        "report": "On the test runs, which no fit uses",
-        "select": "On the validation runs, which select the causes",
+        "report": "On the test runs (not used for the fit)",
+        "select": "On the validation runs (used to select the causes)",
         "fit": "On the fit runs",
     }
 )
@@ -120,10 +120,8 @@ def further(screening: Screening) -> str:
     if first is None:
         return ""
     title, count = _begun(screening.candidates[first].effect.title), len(others) - 1
-    if not count:
-        return f"{title} is also possible. Its score in the remaining error is above the threshold."
-    more = f"{count} other effect{'s' if count > 1 else ''}"
-    return f"{title} and {more} are also possible. The score of each in the remaining error is above the threshold."
+    more = f" and {count} other effect{'s' if count > 1 else ''}" if count else ""
+    return f"{title}{more} may also be present (see Open points in the report)."
 
 
 def _sentences(parts: Sequence[str]) -> str:
@@ -135,7 +133,7 @@ def _wrong(found: Finding) -> str:
         causes=_claims(found.causes),
         this="these effects" if len(found.causes) > 1 else "this effect",
         imitated=_imitated(found.imitations, many=len(found.causes) > 1) if found.causes else "",
-        unknown=" ".join(u.sentence for u in found.unknowns),
+        unknown=" ".join(u.sentence for u in found.unknowns if u.kept),
     )
     return text.strip()
 
@@ -158,15 +156,14 @@ def _imitated(imitations: Sequence[Imitation], *, many: bool) -> str:
     if not imitations:
         return ""
     one = imitations[0]
-    without = f" Without {'these causes' if many else 'this cause'}, the best fit gives "
     return (
-        f"{without}{in_words(one.name)} = {with_unit(one.before, one.unit, 4)}. The expected value of this parameter "
-        f"is {_prior(one)}. The fitted value is {with_unit(one.sigmas, '1', 3)} standard deviations away from it."
+        f" Without {'these causes' if many else 'this cause'}, the model fits the data best with "
+        f"{in_words(one.name)} = {with_unit(one.before, one.unit, 4)}. Expected is {_prior(one)}."
     )
 
 
 def _prior(one: Imitation) -> str:
-    return f"{one.expected:.4g} ± {with_unit(Z95 * one.sd, one.unit, 2)} (95 %)"
+    return f"{one.expected:.4g} ± {with_unit(Z95 * one.sd, one.unit, 2)} (95 % interval)"
 
 
 def _sure(found: Finding, beside: Conclusions) -> list[str]:
@@ -194,12 +191,12 @@ def _alternatives(found: Finding) -> str:
         return "" if laws else "No other tested cause explains these runs equally well."
     instead: dict[str, list[str]] = {}
     for one in rivals:
-        instead.setdefault(titles.get(one.instead_of, one.instead_of), []).append(_with_size(one))
+        instead.setdefault(titles.get(one.instead_of, one.instead_of), []).append(one.title)
     return _sentences(
         [
-            f"These effects explain the runs as well as {title}: {'; '.join(names)}."
+            f"{len(names)} other effects explain the data as well as {title}: {'; '.join(names)}."
             if names[1:]
-            else f"{_begun(names[0])} explains the runs as well as {title}."
+            else f"{_begun(names[0])} explains the data as well as {title}."
             for title, names in instead.items()
         ]
     )
@@ -219,7 +216,7 @@ def _suspected(found: Finding, left: Remainder) -> str:
     )
     if found.imitations:
         name = in_words(found.imitations[0].name)
-        text += f" The base model can imitate this cause. Only the expected value of {name} contradicts this."
+        text += f" Another value of {name} has the same effect as this cause. Only its expected value contradicts this."
     return text
 
 
@@ -291,7 +288,7 @@ def _error(left: Remainder, found: Finding) -> str:
     elif left.after > 0.995 * left.before:
         verb = "stays at" if found.causes or found.unknowns else "is"
         change = f"the error {verb} {left.after:.3g} times the noise"
-    return f"{ROLES[left.role]}, {change}.{' Not every cause of this error was found.' if left.large else ''}"
+    return f"{ROLES[left.role]}, {change}.{' Not every cause was found.' if left.large else ''}"
 
 
 def _shown_by(found: Finding) -> str:
@@ -304,13 +301,14 @@ def _shown_by(found: Finding) -> str:
         before, after, floor = (
             with_unit(value or 0.0, one.unit, 3) for value in (one.rmse_before, one.rmse_after, one.floor)
         )
-        return f"The error of {one.channel} changes most clearly, from {before} to {after} (noise: {floor})."
+        error = f"{before} without the cause, {after} with it (noise: {floor})"
+        return f"The clearest error is that of {one.channel}: {error}."
     if not found.imitations:
         return ""
     number = found.imitations[0]
     before, after = (with_unit(value, number.unit, 4) for value in (number.before, number.after))
     name = in_words(number.name)
-    return f"Without the cause {name} is {before}, with it {after}. The expected value is {_prior(number)}."
+    return f"Without the cause, the fitted {name} is {before}, with it {after}. Expected is {_prior(number)}."
 
 
 def _in_checks(found: Finding) -> str:
@@ -323,10 +321,11 @@ def _in_checks(found: Finding) -> str:
     numbers = [value or 0.0 for value in (one.extended, one.uncertainty, one.tuned, one.stock, one.measured)]
     places = decimals(-numbers[1], numbers[1])
     extended, half, tuned, stock, read = (f"{value:.{places}f}" for value in numbers)
+    kind = {"kN/m": "stiffness ", "kN*s/m": "damping "}.get(one.unit, "")
     seen = f" The measured value in {one.run} is {read}." if one.measured is not None else ""
     return (
-        f"The clearest result of a test plan is {one.name}. The model predicts {extended} ± {half} {one.unit} (95 %) "
-        f"with the cause, {tuned} without it, and {stock} with the parameters as shipped.{seen}"
+        f"The model with the cause predicts {extended} ± {half} {one.unit} (95 % interval) for the {kind}{one.name}. "
+        f"Without the cause it predicts {tuned}, and with the original parameters {stock}.{seen}"
     )
 
 
@@ -378,9 +377,9 @@ def _size(parameters: Sequence[Estimate]) -> str:
     if first.value is None:
         return f"{name} unknown"
     if first.low is None or first.high is None:
-        return f"{name} = {first.value:.4g}{unit}"
-    half = 0.5 * (first.high - first.low)
+        return f"{name}: {first.value:.4g}{unit}"
+    half, places = 0.5 * (first.high - first.low), decimals(first.low, first.high)
     if abs(first.value - first.low - half) > 0.1 * half:  # a valley that bends, or a range that ends
-        return f"{name} = {first.value:.4g}{unit}, 95 %: {first.low:.3g} to {first.high:.3g}{unit}"
-    places = decimals(first.low, first.high)
-    return f"{name} = {first.value:.{places}f} ± {half:.{places}f}{unit}, 95 %"
+        ends = f"{first.low:.{places}f} to {first.high:.{places}f}"
+        return f"{name}: {first.value:.{places}f}{unit}, 95 % interval: {ends}{unit}"
+    return f"{name}: {first.value:.{places}f} ± {half:.{places}f}{unit}, 95 % interval"

@@ -97,14 +97,15 @@ def explain(
 
 
 #: Why a surface is not a part of the final model.
-_NOT_KEPT: Final = "The surface is not kept, because it does not predict the {} runs better"
+_NOT_KEPT: Final = (
+    "A smooth function ({}) was fitted to the remaining error. It is not used, because it does not predict the {} "
+    "runs better."
+)
 
 
 def dropped(unknown: Unknown) -> Unknown:
     """Return a kept surface as one that is not kept, because it does not improve the prediction of the report runs."""
-    return msgspec.structs.replace(
-        unknown, kept=False, sentence=f"{unknown.sentence} {_NOT_KEPT.format('test')}."
-    )
+    return msgspec.structs.replace(unknown, kept=False, sentence=_NOT_KEPT.format(unknown.title, "test"))
 
 
 def _gain(model: FittedModel, fitted: FittedModel, select: Sequence[MeasuredRun]) -> float:
@@ -164,6 +165,8 @@ def _regions(surface: Surface, coefficients: Array, deviations: Array) -> list[R
 
 
 def _sentence(surface: Surface, regions: Sequence[Region], similar: Sequence[str], kept: bool) -> str:
+    if not kept:
+        return _NOT_KEPT.format(surface.title, "validation")
     acts, seen = [], []
     for name in surface.coordinates:
         mine = [r for r in regions if r.coordinate == name]
@@ -173,14 +176,12 @@ def _sentence(surface: Surface, regions: Sequence[Region], similar: Sequence[str
             seen.append(f"{what} {_span(first.visited_low, first.visited_high)} {unit}".rstrip())
             if (mine[0].low, mine[-1].high) != (first.visited_low, first.visited_high) or len(mine) > 1:
                 acts.append(f"{what} {' and '.join(_span(r.low, r.high) for r in mine)} {unit}".rstrip())
-    parts = [f"A smooth surface was fitted to this error: {surface.title}"]
+    parts = [f"A smooth function was fitted to this error: {surface.title}"]
     if acts:
-        parts.append(f"The surface is large at {' and '.join(acts)}")
+        parts.append(f"The error is largest at {' and '.join(acts)}")
     if similar:
-        parts.append(f"The most similar known effects are: {'; '.join(similar)}")
-    parts.append(f"The surface is valid only for {' and '.join(seen) or 'the range of these runs'}")
-    if not kept:
-        parts.append(_NOT_KEPT.format("validation"))
+        parts.append(f"Similar known effects are: {'; '.join(similar)}")
+    parts.append(f"The function is valid only for {' and '.join(seen) or 'the range of these runs'}")
     return ". ".join(parts) + "."
 
 

@@ -16,7 +16,7 @@ from diagnosis.engine.rivals_unseen import Undecided
 from diagnosis.engine.screening import Screening
 from diagnosis.engine.search_state import Accepted, SearchResult, Trial
 from diagnosis.estimates import estimate, in_words, number
-from diagnosis.finding import NAMED, SUSPECTED, Cause, Estimate, Rival, Score
+from diagnosis.finding import EXPLAINED, NAMED, SUSPECTED, Cause, Estimate, Rival, Score
 
 
 def estimates(effect: Hypothesis, point: Point, covariance: Array) -> list[Estimate]:
@@ -122,6 +122,7 @@ def scores(found: SearchResult, beside: Screening) -> list[Score]:
     """
     first = found.steps[0].screening
     gates = {trial.effect: trial.failed for step in reversed(found.steps) for trial in step.trials}
+    last = {trial.effect: trial.failed for trial in reversed(found.steps[-1].trials)}
     accepted = [a.effect for a in found.accepted]
     rows = []
     for name in dict.fromkeys(c.effect.name for c in first.candidates):
@@ -132,7 +133,7 @@ def scores(found: SearchResult, beside: Screening) -> list[Score]:
         elif reason := found.state.left.get(name) or gates.get(name):
             outcome = reason
         elif first.z[i] > first.threshold:
-            outcome = _still_scores(name, beside)
+            outcome = _still_scores(name, beside, last.get(name, ""))
         else:
             outcome = "below the threshold"
         rows.append(
@@ -152,14 +153,14 @@ def scores(found: SearchResult, beside: Screening) -> list[Score]:
     return sorted(rows, key=lambda score: -(score.score or 0.0))
 
 
-def _still_scores(name: str, beside: Screening) -> str:
-    """Return what happened to a score above the threshold of the base model, in the final model."""
+def _still_scores(name: str, beside: Screening, why: str) -> str:
+    """Return the result of a score above the threshold of the base model; ``why`` the last step rejected the effect."""
     if all(candidate.effect.name != name for candidate in beside.candidates):
         return "an accepted cause explains more"
     score = float(beside.z[beside.best(name)])
     if score <= beside.threshold:
-        return "below the threshold in the final model"
-    return f"it is also possible, because its score is {score:.1f} in the final model"
+        return EXPLAINED
+    return f"it may also be present (score in the final model: {score:.1f})" + (f"; {why}" if why else "")
 
 
 def _cosine(found: SearchResult, first: str, second: str) -> float | None:

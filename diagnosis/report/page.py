@@ -28,7 +28,7 @@ from bench_records.document import (
 from bench_records.twin import PARTS
 from bench_records.typography import primed
 from diagnosis.contracts import DataQuality
-from diagnosis.engine.config import SEPARABLE
+from diagnosis.engine.config import DISTINGUISHED
 from diagnosis.estimates import Z95, in_words, percent
 from diagnosis.finding import (
     EXPLAINED,
@@ -356,7 +356,7 @@ def _next_steps(finding: Finding) -> Markup:
         (
             run.experiment,
             run.minutes,
-            "yes" if (run.bic_gap or 0.0) >= SEPARABLE else "no",
+            "yes" if (run.bic_gap or 0.0) >= DISTINGUISHED else "no",
             _share(run.per_minute, most),
             keys.sub(lambda key: titles[key[0]], run.pair),
         )

@@ -43,7 +43,7 @@ def found(values, alpha=0.003):
     )
 
 
-@pytest.mark.parametrize(("kind", "told"), [("sine", "a sine of 4.9"), ("walk", "walk")])
+@pytest.mark.parametrize(("kind", "told"), [("sine", "a sine of 4.9"), ("walk", "drift")])
 @pytest.mark.parametrize("size", [1.5, 4.4])
 def test_a_sine_and_a_walk_above_the_noise_are_found_and_distinguished(kind, told, size):
     for seed in range(5):

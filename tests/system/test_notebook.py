@@ -42,7 +42,7 @@ def judge(cells: list[nbformat.NotebookNode]) -> None:
     assert number(r"lost +(\S+) J") == pytest.approx(area, rel=0.02)
     assert 0 < number(r"loss angle +(\S+)°") < 45
     assert re.search(r"checks: pass\n.*conforms with", text)
-    assert number(r"left bellows leaks .*\(area = (\S+) ± ") == pytest.approx(0.2, abs=0.01)
+    assert number(r"left bellows leaks .*\(area: (\S+) ± ") == pytest.approx(0.2, abs=0.01)
     assert number(r"leak\.left +(\S+)") > 10 * number(r"leak\.right +(\S+)")
     pictures = [
         one.data["image/png"] for cell in cells for one in cell.outputs if "image/png" in one.get("data", {})

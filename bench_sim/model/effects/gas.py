@@ -60,7 +60,7 @@ EFFECTS: Final = (
             "function of ISO 6358; T: gas temperature (K); A: area of the hole (m²); R: gas constant (J/(kg·K))"
         ),
         source="ISO 6358-1; sizes assumed",
-        separated_by="hold at two pressures, leveling valve isolated: the mass pV/(RT) goes on falling, ln p on a line",
+        separated_by="hold at two pressures, leveling valve isolated: the mass of air pV/(RT) falls all the time",
         loses_air=True,
     ),
     # A fine crack in a bellows or its seat: air leaves it by laminar flow.

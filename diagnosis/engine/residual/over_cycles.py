@@ -9,7 +9,15 @@ import numpy as np
 from diagnosis.contracts import Array, Channel
 from diagnosis.engine.config import LEAST_CYCLES, LEAST_OF_A_HOLD, QUASI_STATIC_HZ, SETTLING_S
 from diagnosis.engine.p_values import bonferroni, p_of_chi2, p_of_t
-from diagnosis.engine.residual.residuals import Evidence, NotApplicable, Residuals, wald
+from diagnosis.engine.residual.residuals import (
+    Evidence,
+    NotApplicable,
+    Residuals,
+    input_axis,
+    input_name,
+    input_unit,
+    wald,
+)
 from diagnosis.engine.residual.stretches import Hold, Swing
 from diagnosis.estimates import numbers
 from diagnosis.finding import Figure, Series
@@ -30,22 +38,21 @@ def loss(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     tests = [(_against_zero(values), swing, float(values.mean())) for swing, values in found]
     (p, t), swing, mean = min(tests, key=lambda one: one[0])
     channel = residuals.channels[c]
-    unit = f"{channel.display or channel.unit} × the unit of {swing.signal}"
+    unit = f"{channel.display or channel.unit}·{input_unit(swing.signal)}"
     sure = [(s, w) for (chance, _), s, w in tests if chance < 0.01]
-    law, points_to = _law(sure)
     return Evidence(
         statistic=abs(t),
         p=bonferroni(p, len(tests)),
         sentence=f"at {swing.frequency:.3g} Hz, the loss per cycle of {channel.name} is "
-        f"{abs(mean) / channel.scale:.3g} {unit} {'larger' if mean > 0.0 else 'smaller'} than predicted{law}",
-        points_to=points_to,
+        f"{abs(mean) / channel.scale:.3g} {unit} {'larger' if mean > 0.0 else 'smaller'} than predicted",
+        points_to=_mechanism(sure),
         draw=lambda: Figure(
             kind="points",
-            x_label="Hz",
+            x_label="frequency in Hz",
             y_label=f"loss per cycle / amplitude, in {channel.display or channel.unit}",
             series=[
                 Series(
-                    name=f"{s.signal} ±{s.amplitude:.3g}",
+                    name=f"{input_name(s.signal)} ± {s.amplitude:.3g}",
                     x=numbers([s.frequency]),
                     y=numbers([w / s.amplitude / channel.scale]),
                 )
@@ -81,32 +88,27 @@ def _against_zero(values: Array) -> tuple[float, float]:
     return p_of_t(t, values.size - 1), t
 
 
-def _law(sure: list[tuple[Swing, float]]) -> tuple[str, str]:
-    """Return the law by which the loss grows with amplitude and frequency, |W| ~ Aᵃ fᵇ, and the mechanisms that it
-    indicates.
-    """
+def _mechanism(sure: list[tuple[Swing, float]]) -> str:
+    """Return the mechanisms of a loss that grows with amplitude and frequency by |W| ~ Aᵃ fᵇ."""
     anything = "friction, viscous or Maxwell loss, heat, orifice"
     if len({s.signal for s, _ in sure}) != 1 or len(sure) < 3:
-        return "", anything
+        return anything
     logs = np.log([(s.amplitude, s.frequency, abs(w)) for s, w in sure])
     spread = np.ptp(logs[:, :2], axis=0) > np.log(1.5)
     columns = np.column_stack((np.ones(len(sure)), logs[:, :2][:, spread]))
     if not spread.any() or np.linalg.matrix_rank(columns) < columns.shape[1]:
-        return "", anything
+        return anything
     powers = np.full(2, np.nan)
     powers[spread] = np.linalg.lstsq(columns, logs[:, 2], rcond=None)[0][1:]
     a, b = powers
-    factors = [f"amplitude^{a:.2g}"] if spread[0] else []
-    factors += [f"frequency^{b:.2g}"] if spread[1] else []
-    text = ". It grows with " + " · ".join(factors)
     flat, quadratic = not spread[1] or abs(b) < 0.25, not spread[0] or a > 1.6
     if spread[0] and a < 1.4 and flat:
-        return text, "Coulomb or Berg friction"
+        return "Coulomb or Berg friction"
     if quadratic and spread[1] and b > 0.6:
-        return text, "viscous loss, or Maxwell below its peak"
+        return "viscous loss, or Maxwell below its peak"
     if quadratic and spread[1] and b < 0.25:
-        return text, "Maxwell, heat or orifice near or above the peak"
-    return text, anything
+        return "Maxwell, heat or orifice near or above the peak"
+    return anything
 
 
 def quasi_static(residuals: Residuals, c: int) -> Evidence | NotApplicable:
@@ -144,7 +146,7 @@ def quasi_static(residuals: Residuals, c: int) -> Evidence | NotApplicable:
         points_to="Berg or Coulomb friction" if same else "Maxwell, viscous loss",
         draw=lambda: Figure(
             kind="lines",
-            x_label=first.signal,
+            x_label=input_axis(first.signal),
             y_label=f"error in {unit}",
             series=[_loop(residuals, c, swing, channel) for swing in (first, second)],
         ),
@@ -211,7 +213,7 @@ def _settling(channel: Channel, unit: str, time: Array, e: Array) -> Figure:
     means = np.divide(np.nansum(blocks, axis=1), known, out=np.full(known.size, np.nan), where=known > 0)
     return Figure(
         kind="points",
-        x_label="s of the hold",
+        x_label="time since the start of the hold in s",
         y_label=f"error in {unit}",
         series=[Series(name=channel.name, x=numbers(time[::width][: means.size]), y=numbers(means))],
     )

@@ -10,7 +10,15 @@ import numpy as np
 from diagnosis.contracts import Array
 from diagnosis.engine.config import LEAST_IN_BIN, LEAST_OF_A_SINE, LEAST_SAMPLES, SURFACE_BINS
 from diagnosis.engine.p_values import bonferroni, p_of_chi2
-from diagnosis.engine.residual.residuals import Evidence, NotApplicable, Residuals, wald
+from diagnosis.engine.residual.residuals import (
+    RATE,
+    Evidence,
+    NotApplicable,
+    Residuals,
+    input_axis,
+    input_name,
+    wald,
+)
 from diagnosis.engine.residual.stretches import Swing, harmonics
 from diagnosis.estimates import numbers
 from diagnosis.finding import Figure, Series
@@ -52,14 +60,14 @@ def follows(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicab
         p, value, name = best
         share = float(np.sqrt(value / (y @ y)))
         how = {
-            "linear": "follows",
+            "linear": "is proportional to",
             "even": "is about equal at low and high values of",
-            "odd": "depends, but not linearly, on",
+            "odd": "is not linear in",
         }[parity]
         return Evidence(
             statistic=value,
             p=bonferroni(p, len(residuals.inputs)),
-            sentence=f"the error of {residuals.channels[c].name} {how} {name} (correlation {share:.2f})",
+            sentence=f"the error of {residuals.channels[c].name} {how} {input_name(name)} (correlation {share:.2f})",
             points_to=POINTS_TO[parity],
             draw=lambda: _over_input(residuals, c, name),
         )
@@ -73,7 +81,7 @@ def _over_input(residuals: Residuals, c: int, name: str) -> Figure:
     shown = known[:: max(1, known.size // 1200)]
     return Figure(
         kind="cloud",
-        x_label=name,
+        x_label=input_axis(name),
         y_label=f"error in {channel.display or channel.unit}",
         series=[
             Series(
@@ -111,7 +119,7 @@ def rings(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicable
             statistic=value,
             p=bonferroni(p_of_chi2(value, freedom), len(sines)),
             sentence=f"the error of {channel.name} has a part of {sizes[largest] / channel.scale:.3g} {unit} at "
-            f"{orders[largest]} times the frequency of {sine.signal} ({sine.frequency:.3g} Hz)",
+            f"{orders[largest]} times the frequency of {input_name(sine.signal)} ({sine.frequency:.3g} Hz)",
             points_to=POINTS_TO[parity],
             draw=lambda: _spectrum(residuals, c, sine),
         )
@@ -187,8 +195,8 @@ def velocity_surface(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     return _surface(
         residuals,
         c,
-        (name, u),
-        (f"slope of {name}", np.gradient(u, residuals.step)),
+        (input_name(name), u),
+        (f"{RATE}{input_name(name)}", np.gradient(u, residuals.step)),
         "stop, friction, hysteresis",
     )
 
@@ -199,6 +207,7 @@ def pressure_surface(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     name = residuals.partner(c)
     if not pressures or not name:
         return NotApplicable("no input changes" if pressures else "no channel is a pressure")
+    motion = (input_name(name), residuals.inputs[name])
     y = np.nan_to_num(residuals.measured[:, c] - np.nanmean(residuals.measured[:, c]))
     close = [
         abs(float(y @ (p - p.mean()))) / (p.std() or np.inf)
@@ -206,7 +215,7 @@ def pressure_surface(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     ]
     chosen = pressures[int(np.argmax(close))]
     pressure = (residuals.channels[chosen].name, residuals.predicted[:, chosen])
-    return _surface(residuals, c, (name, residuals.inputs[name]), pressure, "area curve, pressure gain, flow")
+    return _surface(residuals, c, motion, pressure, "area curve, pressure gain, flow")
 
 
 def _surface(
@@ -230,7 +239,7 @@ def _surface(
     rest = (
         ""
         if share > 0.5
-        else f". These two explain only {max(share, 0.0):.0%} of it, so another state contributes"
+        else f". They explain only {max(share, 0.0):.0%} of it, so another quantity contributes"
     )
 
     def draw() -> Figure:
@@ -247,7 +256,11 @@ def _surface(
         )
         unit = channel.display or channel.unit
         return Figure(
-            kind="map", x_label=across[0], y_label=up[0], z_label=f"error in {unit}", series=[series]
+            kind="map",
+            x_label=input_axis(across[0]),
+            y_label=input_axis(up[0]),
+            z_label=f"error in {unit}",
+            series=[series],
         )
 
     return Evidence(

@@ -36,12 +36,12 @@ def size(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     return Evidence(
         statistic=float(ratios[worst]),
         p=bonferroni(p_of_chi2(2.0 * ratios[worst] * counts[worst], 2 * int(counts[worst])), len(bands)),
-        sentence=f"the error of {name} is {np.sqrt(total):.3g} times the noise "
-        f"({np.sqrt(ratios[worst]):.3g} times from {low:g} to {high:g} Hz)",
+        sentence=f"the error of {name} is {np.sqrt(total):.3g} times the noise, and from {low:g} to {high:g} Hz "
+        f"{np.sqrt(ratios[worst]):.3g} times",
         points_to="any cause",
         draw=lambda: Figure(
             kind="bars",
-            x_label="Hz",
+            x_label="upper end of the frequency band in Hz",
             y_label="error power / noise power",
             series=[Series(name=name, x=numbers([b for _, b, _ in bands]), y=numbers(ratios))],
             limit=1.0,
@@ -66,13 +66,13 @@ def memory(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     return Evidence(
         statistic=q,
         p=p_of_chi2(q, LJUNG_BOX_LAGS),
-        sentence=f"errors of {name} that are {lag * residuals.step:.3g} s apart are similar (autocorrelation "
-        f"{rho[lag - 1]:.2f})",
+        sentence=f"the error of {name} changes slowly: values {lag * residuals.step:.3g} s apart have a correlation of "
+        f"{rho[lag - 1]:.2f}",
         points_to="lag, delay, fast dynamics",
         draw=lambda: Figure(
             kind="bars",
-            x_label="lag in s",
-            y_label="autocorrelation",
+            x_label="time between two values in s",
+            y_label="correlation of the error",
             series=[
                 Series(
                     name=name, x=numbers(residuals.step * np.arange(1, LJUNG_BOX_LAGS + 1)), y=numbers(rho)
@@ -113,12 +113,12 @@ def drift(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     return Evidence(
         statistic=value,
         p=bonferroni(p, len(DRIFT_BLOCKS)),
-        sentence=f"the means of the error of {channel.name} over {seconds:.3g} s vary from {np.nanmin(means):.3g} to "
+        sentence=f"the error of {channel.name}, averaged over {seconds:.2g} s, varies from {np.nanmin(means):.3g} to "
         f"{np.nanmax(means):.3g} {unit}",
         points_to="leak, heat, drift, volume",
         draw=lambda: Figure(
             kind="points",
-            x_label="s",
+            x_label="time in s",
             y_label=f"mean error in {unit}",
             series=[
                 Series(name=channel.name, x=numbers(seconds * (np.arange(blocks) + 0.5)), y=numbers(means))

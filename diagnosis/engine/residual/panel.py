@@ -32,19 +32,19 @@ from diagnosis.finding import PanelRow
 
 Test = Callable[[Residuals, int], Evidence | NotApplicable]
 TESTS: Final[tuple[tuple[str, str, Test], ...]] = (
-    ("size", "size, compared with the noise", over_time.size),
-    ("memory", "similarity in time (autocorrelation)", over_time.memory),
-    ("drift", "drift (means over time)", over_time.drift),
-    ("linear", "follows an input", over_inputs.follows("linear")),
-    ("even", "similar for low and high input", over_inputs.follows("even")),
-    ("odd", "not in proportion to an input", over_inputs.follows("odd")),
-    ("even harmonics", "even harmonics", over_inputs.rings("even")),
-    ("odd harmonics", "odd harmonics", over_inputs.rings("odd")),
-    ("loss", "loss per cycle", over_cycles.loss),
+    ("size", "error larger than the noise", over_time.size),
+    ("memory", "error changes slowly", over_time.memory),
+    ("drift", "error drifts over time", over_time.drift),
+    ("linear", "error proportional to an input", over_inputs.follows("linear")),
+    ("even", "error equal at low and high input", over_inputs.follows("even")),
+    ("odd", "error not linear in an input", over_inputs.follows("odd")),
+    ("even harmonics", "error at 2, 4 or 6 times the frequency", over_inputs.rings("even")),
+    ("odd harmonics", "error at 3, 5 or 7 times the frequency", over_inputs.rings("odd")),
+    ("loss", "energy loss per cycle", over_cycles.loss),
     ("quasi-static", "loop width at two low speeds", over_cycles.quasi_static),
-    ("hold", "change while the inputs are constant", over_cycles.settles),
-    ("x-v surface", "depends on motion and speed", over_inputs.velocity_surface),
-    ("x-p surface", "depends on motion and pressure", over_inputs.pressure_surface),
+    ("hold", "error changes at constant inputs", over_cycles.settles),
+    ("x-v surface", "error depends on motion and speed", over_inputs.velocity_surface),
+    ("x-p surface", "error depends on motion and pressure", over_inputs.pressure_surface),
 )
 
 

@@ -51,11 +51,11 @@ def _against_chance(
     return Evidence(
         statistic=ratio,
         p=float(fdtrc(seen.size, floor.size, ratio)),
-        sentence=f'the error of the combined signal "{name}" is {np.sqrt(ratio):.3g} times its noise',
-        points_to=name,
+        sentence=f"the error of a combined signal ({name}) is {np.sqrt(ratio):.3g} times its noise",
+        points_to=name.partition(",")[0],
         draw=lambda: Figure(
             kind="points",
-            x_label="s",
+            x_label="time in s",
             y_label="measured minus predicted",
             series=[Series(name=name, x=numbers(time * residuals.step), y=numbers(seen))],
         ),

@@ -98,6 +98,36 @@ def residuals_of(
     )
 
 
+def input_name(name: str) -> str:
+    """Return the name of an input as text: ``pressure_rate`` as "pressure rate"; names of signals stay."""
+    return name if "." in name else name.replace("_", " ")
+
+
+#: Units (SI) of usual inputs and pressures, by the end of their names.
+_UNITS = {
+    "time": "s",
+    "displacement": "m",
+    "height": "m",
+    "speed": "m/s",
+    "pressure": "Pa",
+    "pressure_rate": "Pa/s",
+}
+
+
+#: Begin of the name of a rate of change.
+RATE = "rate of "
+
+
+def input_unit(name: str) -> str:
+    """Return the SI unit of an input or a pressure by its name."""
+    return next((unit for end, unit in _UNITS.items() if name.endswith(end)), "(SI unit)")
+
+
+def input_axis(name: str) -> str:
+    """Return the label of the axis of an input, a pressure, or the `RATE` of one, with its unit."""
+    return f"{input_name(name)} in {input_unit(name)}{'/s' if name.startswith(RATE) else ''}"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
     """Result of one test for one channel in one run; ``p`` includes the number of comparisons in the test."""

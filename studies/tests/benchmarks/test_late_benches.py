@@ -32,4 +32,4 @@ def test_a_late_channel_of_a_bench_is_named(tmp_path, cause, ms):
     told = finding.causes[0].parameters[0]
     assert told.low < ms < told.high
     assert told.high - told.low < 0.1
-    assert not [text for text in finding.remains if "has a score of" in text]
+    assert not [text for text in finding.remains if "scores in the final model" in text]
