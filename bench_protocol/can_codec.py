@@ -181,7 +181,7 @@ def data_word(record: Any) -> Any:
 
 
 @cached
-def _own(record: Any, message: Any, token: int, tally: Any) -> bool:
+def _is_accepted(record: Any, message: Any, token: int, tally: Any) -> bool:
     """Check CRC and token of one command; one with a valid CRC and another token is counted as foreign."""
     crc = record["data"][0]
     if message.bound != 0 and token > NOBODY:
@@ -225,7 +225,7 @@ def _accept(record: Any, message: Any, row: int, token: int, counters: Any, time
     if counter >= COUNTER_PERIOD:
         tally[Tally.CORRUPT] += 1
         return False
-    if not _own(record, message, token, tally):
+    if not _is_accepted(record, message, token, tally):
         return False
     # Messages sent only on events have several senders, each with its own start of the counter.
     if counters[row] >= 0 and message.period > 0:

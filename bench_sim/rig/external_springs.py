@@ -165,7 +165,7 @@ def begin_outputs(e: Any, k: int) -> bool:
 
 
 @compiled_once
-def _ask(e: Any) -> None:
+def _request_step(e: Any) -> None:
     """Request the communication step from the library's process, and wait for it up to the time limit."""
     n = e.numbers
     spare = n.ctypes.data + 8 * Slot.SPARE
@@ -203,7 +203,7 @@ def _exchange(e: Any) -> None:
     n = e.numbers
     e.clock[0] = n[Slot.STEPS] * e.clock[1]
     if n[Slot.APART] != 0:
-        _ask(e)
+        _request_step(e)
     else:
         call_instances(e)
     if n[Slot.FAILED] != 0:

@@ -177,7 +177,7 @@ def _error(c: Any, detector: Any, reading: float) -> float:
 
 
 @compiled
-def _judge(c: Any, detector: Any, reading: float) -> float:
+def _compared_value(c: Any, detector: Any, reading: float) -> float:
     """Advance the memory of ``detector`` by one sample; return the value to compare with its limit."""
     kind = detector.kind
     if kind == LimitKind.ERROR:
@@ -225,7 +225,7 @@ def detect(c: Any, values: Any, detectors: Any) -> int:
         detector = detectors[row]
         if detector.samples == 0:
             continue
-        judged = _judge(c, detector, values[detector.signal])
+        judged = _compared_value(c, detector, values[detector.signal])
         detector.judged = judged
         back = detector.hysteresis if detector.kind != LimitKind.COUNT else 0.0
         bar = detector.at

@@ -89,7 +89,8 @@ _FILL: Final = AIR_MODES.index("fill")
 _VENT: Final = AIR_MODES.index("vent")
 #: The plant has one more mode: shut in, which cannot be commanded; the valve enters it by itself.
 assert tuple(mode.name.lower() for mode in Mode if mode is not Mode.SHUT_IN) == CONTROL_MODES
-#: Targets stand as the actuators and then the axes of the platform, the generator's axes from the lateral one on alike.
+#: The actuators come first, then the axes of the platform. From the lateral actuator on, the order is that of the
+#: axes of the generator.
 _NAMES: Final = tuple(target.name.lower() for target in Target)
 assert (*ACTUATORS, *(f"platform_{axis}" for axis in PLATFORM_AXES)) == _NAMES
 assert AXES[Target.LATERAL :] == _NAMES[Target.LATERAL :]
@@ -151,7 +152,7 @@ def _generate(c: Any) -> int:
 
 
 @compiled
-def _go_on(c: Any, mem: Any, par: Any, sampling: Any) -> int:
+def _advance_program(c: Any, mem: Any, par: Any, sampling: Any) -> int:
     """Advance the program by one tick: its waves, or the ride of the car."""
     if c.riding != 0:
         return int(ride(c, mem, par, sampling.faults, sampling.readings))
@@ -172,7 +173,7 @@ def _opening(mode: int, target: float, pressure: float) -> float:
 
 
 @compiled
-def _drive(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
+def _set_inputs(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
     """Convert the controls to the inputs of the plant.
 
     An actuator in displacement control follows its own transducer, and so has the error of its zero.
@@ -216,10 +217,8 @@ def _drive(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
 
 
 @compiled
-def _watch(c: Any) -> int:
-    """Return the watchdogs that expire in this tick: of the commands (late, lost), of the holder's writes, of a
-    lease.
-    """
+def _expired_watchdogs(c: Any) -> int:
+    """Return the watchdogs that expire in this tick: of commands (late, lost), of the holder's writes, of a lease."""
     happened = Happened.NOTHING.value
     silence = c.tick - c.command_tick
     if c.tick == c.write_deadline:
@@ -244,8 +243,8 @@ def _watch(c: Any) -> int:
 
 
 @compiled
-def _appointments(c: Any) -> int:
-    """Return which parts are due in this tick: the state machine, the fault panel."""
+def _due_parts(c: Any) -> int:
+    """Return the parts that have something to do in this tick: the state machine, the fault panel."""
     happened = Happened.NOTHING.value
     if c.tick == c.alarm:
         happened |= Happened.ALARM.value
@@ -311,7 +310,9 @@ def _step(c: Any, plant: PlantArrays, scheme: tuple[int, int], work: Any, algebr
 
 
 @compiled
-def _read(c: Any, plant: PlantArrays, sampling: Sampling, work: Any, algebraic: Any, ideal: Any) -> None:
+def _read_sensors(
+    c: Any, plant: PlantArrays, sampling: Sampling, work: Any, algebraic: Any, ideal: Any
+) -> None:
     """Read the sensors; readings are NaN once external springs have failed."""
     x, u, mem, par = plant.state, plant.inputs, plant.memory[0], plant.parameters[0]
     if plant.external_springs.numbers[Slot.ON] == 0:
@@ -326,7 +327,7 @@ def _read(c: Any, plant: PlantArrays, sampling: Sampling, work: Any, algebraic: 
 
 
 @compiled
-def _judge(c: Any, sampling: Sampling) -> int:
+def _store_and_check(c: Any, sampling: Sampling) -> int:
     """Store the new readings of the sensors; return the events of the limits."""
     for k in range(SENSORS):
         sampling.values[k] = sampling.readings[k]
@@ -414,20 +415,20 @@ def run_ticks(
             happened |= count_lateness(values, late, pacing)
         done += 1
         c.tick += 1
-        happened |= _go_on(c, mem, par, sampling)
-        _drive(c, u, values[Sensor.LEFT_AUXILIARY_PRESSURE], values[Sensor.RIGHT_AUXILIARY_PRESSURE])
+        happened |= _advance_program(c, mem, par, sampling)
+        _set_inputs(c, u, values[Sensor.LEFT_AUXILIARY_PRESSURE], values[Sensor.RIGHT_AUXILIARY_PRESSURE])
         hold_inputs(sampling.faults, u)
         if c.refitted != 0:
             scheme = step_scheme(par, TICK)
             c.refitted = 0
         happened |= _step(c, plant, scheme, work, algebraic, ideal)
         if c.tick % FAST == 0:
-            _read(c, plant, sampling, work, algebraic, ideal)
-            happened |= _judge(c, sampling)
+            _read_sensors(c, plant, sampling, work, algebraic, ideal)
+            happened |= _store_and_check(c, sampling)
             position = _write_frames(c, values, sending, out, position)
         position = _send(values, sending, sending.every, c.tick * TICK_NS, out, position)
         position = send_heartbeat(c, out, position)
-        happened |= _watch(c) | node_due(c) | _appointments(c)
+        happened |= _expired_watchdogs(c) | node_due(c) | _due_parts(c)
         if real:
             _end(pacing, outgoing, out, position)
             position = 0
