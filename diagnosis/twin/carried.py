@@ -13,7 +13,7 @@ from diagnosis.contracts import Job, MeasuredRun, Nuisance
 from diagnosis.systems.air_spring.gas import GAS, MOVING
 from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
 from diagnosis.systems.records import STEP
-from diagnosis.twin.innovations import Belief
+from diagnosis.twin.innovations import Estimate
 
 #: Longest period of a motion (s).
 _TO_AND_FRO: Final = 4.0
@@ -37,16 +37,16 @@ class GasOf:
         self._pressures = [k for k, name in enumerate(names) if name.endswith("_pressure")]
 
     def carried(
-        self, run: MeasuredRun, parameters: tuple[Nuisance, ...], belief: Belief, before: float
+        self, run: MeasuredRun, parameters: tuple[Nuisance, ...], estimate: Estimate, before: float
     ) -> Carried:
         """Return the gas at a turning point of the pressures, at ``before`` s or earlier, in a run that was judged.
 
-        ``belief`` is the estimate of the ``parameters`` at this time.
+        ``estimate`` is that of the ``parameters`` at this time.
         """
         known = {one.name for one in self._simulator.nuisances}
         believed = {
             one.name: one.nominal + one.spread * float(mean)
-            for one, mean in zip(parameters, belief.mean, strict=True)
+            for one, mean in zip(parameters, estimate.mean, strict=True)
             if one.name in known
         }
         read = next(self._simulator.run_many([Job(run.experiment, believed, {})]))

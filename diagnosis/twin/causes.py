@@ -33,7 +33,7 @@ from diagnosis.twin.forms import (
     suspect,
 )
 from diagnosis.twin.growth import Growing, Growth
-from diagnosis.twin.innovations import BIN, BINS, BLOCK, Belief, Columns
+from diagnosis.twin.innovations import BIN, BINS, BLOCK, Columns, Estimate
 from diagnosis.twin.pairs import Acting, Pairs
 from diagnosis.twin.replays import Replays, Secant, bounded, typical
 from diagnosis.twin.slices import Work
@@ -75,7 +75,7 @@ class Explained(NamedTuple):
 def explanations(
     run: MeasuredRun,
     columns: Columns,
-    belief: Belief,
+    estimate: Estimate,
     simulator: AirSpring,
     since: float,
     known: Callable[[], Work[Sequence[SizedCause]]],
@@ -84,7 +84,7 @@ def explanations(
 
     ``known`` returns causes that explain a shorter part of the stretch. One of them may still be part of a pair.
     """
-    look = _Look(run, columns, belief, simulator, since)
+    look = _Look(run, columns, estimate, simulator, since)
     onsets = (0,) if since < _LATE else (0, round(since / BIN))
     looked: list[_Closely] = []
     ranked: list[SizedCause] = []
@@ -192,10 +192,10 @@ class _Look:
     """One search for the causes of a stretch."""
 
     def __init__(
-        self, run: MeasuredRun, columns: Columns, belief: Belief, simulator: AirSpring, since: float
+        self, run: MeasuredRun, columns: Columns, estimate: Estimate, simulator: AirSpring, since: float
     ) -> None:
         self._columns, self._since = columns, round(since / BIN)
-        self._fit = Fit(columns, belief)
+        self._fit = Fit(columns, estimate)
         self._replays = Replays(run, simulator)
         self._points: list[tuple[Hypothesis, Mapping[str, float]]] = [
             (cause, dict(zip((shape.name for shape in cause.shapes), point, strict=True)))
@@ -203,7 +203,7 @@ class _Look:
             for point in cause.grid
         ]
         self._shapes: dict[str, Mapping[str, float]] = {}  # of the causes that were looked at closely
-        self._stretch = DeviatingStretch(columns, belief, self._fit, self._replays, self._points)
+        self._stretch = DeviatingStretch(columns, estimate, self._fit, self._replays, self._points)
         self.growth = Growth(self._stretch, self._since)
 
     def each(self, onset: int, times: float) -> Work[list[_Tried]]:

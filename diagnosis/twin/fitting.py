@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from diagnosis.contracts import Array
-from diagnosis.twin.innovations import BINS, Belief, Columns, rough
+from diagnosis.twin.innovations import BINS, Columns, Estimate, rough
 
 
 class Fitted(NamedTuple):
@@ -22,16 +22,16 @@ class Fitted(NamedTuple):
 class Fit:
     """Least squares of the errors of a stretch with all parameters, their priors, and one further column."""
 
-    def __init__(self, columns: Columns, belief: Belief) -> None:
+    def __init__(self, columns: Columns, estimate: Estimate) -> None:
         variance = columns.noise / np.maximum(columns.samples, 1) + BINS * rough(columns) ** 2
         weight = np.where(columns.samples > 0, 1.0 / variance, 0.0)
         errors = columns.measured - columns.simulated
         H = columns.parameters.reshape(-1, columns.parameters.shape[-1])
         w = weight.reshape(-1)
         self._w, self._weighted = w, np.ascontiguousarray((H * w[:, None]).T)
-        information = np.linalg.inv(belief.covariance)
+        information = np.linalg.inv(estimate.covariance)
         self._inverse = np.linalg.inv(information + self._weighted @ H)
-        e = np.where(columns.samples > 0, errors, 0.0).reshape(-1) - H @ belief.mean
+        e = np.where(columns.samples > 0, errors, 0.0).reshape(-1) - H @ estimate.mean
         self._pull = w * (e - H @ (self._inverse @ (self._weighted @ e)))  # of a column on the residual
         self._chi2 = float(e @ self._pull)
 

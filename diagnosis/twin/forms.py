@@ -21,7 +21,7 @@ import numpy as np
 from diagnosis.contracts import Array, Hypothesis
 from diagnosis.twin.detector import Alarm, Detector
 from diagnosis.twin.fitting import Fit, Fitted
-from diagnosis.twin.innovations import BIN, BINS, BLOCK, Belief, Columns, judge, rough
+from diagnosis.twin.innovations import BIN, BINS, BLOCK, Columns, Estimate, judge, rough
 from diagnosis.twin.replays import Replays, can_be, typical
 
 #: χ² by which a beginning may fit worse than the best and still be possible (k = 2).
@@ -43,7 +43,7 @@ class DeviatingStretch(NamedTuple):
     """A stretch with a deviation: its readings, its assumptions, and the effects of causes on it."""
 
     columns: Columns
-    belief: Belief
+    estimate: Estimate
     fit: Fit
     replays: Replays
     points: Sequence[tuple[Hypothesis, Mapping[str, float]]]  #: all causes at all points of their grids
@@ -59,7 +59,7 @@ class DeviatingStretch(NamedTuple):
     def alarm_with(self, added: Array) -> Alarm | None:
         """Return the alarm for the twin plus the effect ``added`` (n, c) of causes; None without a deviation."""
         explained = self.columns._replace(simulated=self.columns.simulated + added)
-        white = judge(explained, self.belief, rough(self.columns)).white
+        white = judge(explained, self.estimate, rough(self.columns)).white
         return Detector(white.shape[1], BLOCK).look(white)
 
 

@@ -71,25 +71,25 @@ _MEDIAN: Final = 0.4549
 _FIRST: Final = 1.0
 
 
-class Belief(NamedTuple):
+class Estimate(NamedTuple):
     """Present estimate of the parameters, in standard deviations of their priors: mean (p,) and covariance (p, p)."""
 
     mean: Array
     covariance: Array
 
     @classmethod
-    def prior(cls, parameters: Sequence[Nuisance]) -> Belief:
+    def prior(cls, parameters: Sequence[Nuisance]) -> Estimate:
         """Return the estimate from the priors alone."""
         return cls(np.zeros(len(parameters)), np.eye(len(parameters)))
 
-    def at_a_start(self, parameters: Sequence[Nuisance], rates: Mapping[str, float]) -> Belief:
+    def at_a_start(self, parameters: Sequence[Nuisance], rates: Mapping[str, float]) -> Estimate:
         """Return the estimate for the start of another stretch: parameters of springs and sensors are kept, those of
         the gas reset.
 
         ``rates`` (K/s) are the rates of the thermometers of the chambers at the start.
         """
         own = np.array([not one.per_run for one in parameters])
-        return Belief(
+        return Estimate(
             np.where(own, self.mean, 0.0),
             np.where(
                 np.outer(own, own), self.covariance, np.diag([_start(one, rates) ** 2 for one in parameters])
@@ -112,7 +112,7 @@ class Innovations(NamedTuple):
     expected: Array  #: (b, c) of the model with what it had learnt before
     band: Array  #: (b, c) standard deviation of the one against the other
     white: Array  #: (b, c, BINS) whitened innovations, NaN where a bin has no reading
-    belief: Belief  #: after the last block
+    estimate: Estimate  #: after the last block
 
 
 class Columns(NamedTuple):
@@ -327,7 +327,7 @@ def rough(columns: Columns) -> Array:
     return np.sqrt(floor**2 + (FORM * travel) ** 2 + columns.inputs**2)
 
 
-def judge(columns: Columns, belief: Belief, off: Array | None = None) -> Innovations:
+def judge(columns: Columns, estimate: Estimate, off: Array | None = None) -> Innovations:
     """Compute the innovations of the blocks of a stretch in order, each with the estimate before it.
 
     ``off`` (n, c) is the allowed error of the model; the default is that of `rough`.
@@ -337,7 +337,7 @@ def judge(columns: Columns, belief: Belief, off: Array | None = None) -> Innovat
     off = rough(columns) if off is None else off
     measured, expected, band = (np.full((blocks, channels), np.nan) for _ in range(3))
     white = np.full((blocks, channels, BINS), np.nan)
-    mean, information = belief.mean, np.linalg.inv(belief.covariance)
+    mean, information = estimate.mean, np.linalg.inv(estimate.covariance)
     for b in range(blocks):
         rows = slice(b * BINS, (b + 1) * BINS)
         count = columns.samples[rows]
@@ -359,4 +359,4 @@ def judge(columns: Columns, belief: Belief, off: Array | None = None) -> Innovat
             pull += weighted @ e
         information = information + gained
         mean = mean + np.linalg.solve(information, pull)
-    return Innovations(measured, expected, band, white, Belief(mean, np.linalg.inv(information)))
+    return Innovations(measured, expected, band, white, Estimate(mean, np.linalg.inv(information)))

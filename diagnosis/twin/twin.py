@@ -25,8 +25,8 @@ from diagnosis.twin.fitting import Fit
 from diagnosis.twin.forms import Form, SizedCause
 from diagnosis.twin.innovations import (
     BLOCK,
-    Belief,
     Columns,
+    Estimate,
     Innovations,
     columns_of,
     gas_rates,
@@ -70,7 +70,7 @@ class Seen(NamedTuple):
     run: MeasuredRun
     channels: tuple[Channel, ...]
     columns: Columns
-    belief: Belief
+    estimate: Estimate
     rates: dict[str, float]  #: K/s, of the gas where it starts
 
 
@@ -102,11 +102,11 @@ class Twin:
         self._record, self._model = record, model
         self._simulator = AirSpring(parameters, effects=CATALOGUE, only=judged)
         self._parameters = parameters_of(self._simulator)
-        self._belief = Belief.prior(self._parameters)
+        self._estimate = Estimate.prior(self._parameters)
         self._detector = Detector(len(self._simulator.channels), BLOCK)
         self._noise: Array | None = None  # of sensors, from the first stretch that agrees with the model
         self._gas = GasOf(parameters)
-        self._before: tuple[Seen, Belief] | None = None  # the last stretch, and the belief after it
+        self._before: tuple[Seen, Estimate] | None = None  # the last stretch, and the estimate after it
         self._carried: Carried | None = None  # of it into the present one
         self._closed: list[Judged] = []
         self._deviations: tuple[Deviation, ...] = ()
@@ -220,8 +220,8 @@ class Twin:
         )
         columns = columns_of(run, channels, self._simulator, self._noise)
         rates = {} if stretch.moving else gas_rates(self._record, start)
-        belief = self._belief.at_a_start(self._parameters, rates)
-        return Seen(start, gas, run, channels, columns, belief, rates)
+        estimate = self._estimate.at_a_start(self._parameters, rates)
+        return Seen(start, gas, run, channels, columns, estimate, rates)
 
     def _in_motion(self, at: float) -> tuple[float, dict[str, float]]:
         """Return the start (s) of the replay of a stretch that begins ``at`` s in a motion, and the gas at this
@@ -229,9 +229,9 @@ class Twin:
         """
         if self._before is None or abs(self._closed[-1].end - at) > 0.5 * STEP:
             raise DiagnosisError(MOVING)
-        seen, belief = self._before
+        seen, estimate = self._before
         if self._carried is None:
-            self._carried = self._gas.carried(seen.run, self._parameters, belief, at - SETTLES - seen.start)
+            self._carried = self._gas.carried(seen.run, self._parameters, estimate, at - SETTLES - seen.start)
         times, _ = self._record.series("left.height")
         first = float(times[np.searchsorted(times, seen.start)])
         return first + (self._carried.sample - 0.5) * SAMPLE, self._carried.gas
@@ -249,7 +249,7 @@ class Twin:
             return Judged(start, stretch.end, None, str(error))
         if not seen.columns.samples.any():
             return Judged(start, stretch.end, None, NOTHING)
-        innovations, detector = judge(seen.columns, seen.belief), self._detector.copy()
+        innovations, detector = judge(seen.columns, seen.estimate), self._detector.copy()
         alarm = detector.look(innovations.white)
         self._last_minute = joined(self._minute, seen.start, seen.channels, innovations)
         if alarm is not None:
@@ -264,9 +264,13 @@ class Twin:
             lasts = self._waiting or (self._deviations and self._deviations[-1].lasts)
             if not stretch.open and not lasts:
                 # The effect of a lasting fault is not a tolerance.
-                self._belief, self._detector, self._noise = innovations.belief, detector, seen.columns.noise
+                self._estimate, self._detector, self._noise = (
+                    innovations.estimate,
+                    detector,
+                    seen.columns.noise,
+                )
         if not stretch.open:
-            self._before, self._carried, self._minute = (seen, innovations.belief), None, self._last_minute
+            self._before, self._carried, self._minute = (seen, innovations.estimate), None, self._last_minute
         return Judged(start, stretch.end, alarm is None)
 
     def _part(self, alarm: Alarm, innovations: Innovations, stretch: Stretch, seen: Seen, end: float) -> None:
@@ -307,7 +311,7 @@ class Twin:
         """Return a deviation with its causes, and the causes that explain it alone or as the first of a pair."""
         # Use the priors: the estimate from sound stretches claims more precision than it has.
         start, before = seen.start, self._known
-        prior = Belief.prior(self._parameters).at_a_start(self._parameters, seen.rates)
+        prior = Estimate.prior(self._parameters).at_a_start(self._parameters, seen.rates)
 
         def known() -> Work[Sequence[SizedCause]]:
             """Return the causes that explain the stretch up to shortly after the report, if no earlier search found
@@ -348,7 +352,7 @@ class Twin:
         if last is None or not last.lasts or self._waiting:
             return
         if last.causes:
-            fit, replays = Fit(seen.columns, seen.belief), Replays(seen.run, self._simulator)
+            fit, replays = Fit(seen.columns, seen.estimate), Replays(seen.run, self._simulator)
             for one in last.causes:
                 cause = self._simulator.catalogue[one.name]
                 shapes = {shape.name: shape.nominal for shape in cause.shapes}

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from diagnosis.twin.fitting import Fit
 from diagnosis.twin.forms import growing
-from diagnosis.twin.innovations import BINS, Belief, Columns
+from diagnosis.twin.innovations import BINS, Columns, Estimate
 
 N = 400
 
@@ -44,7 +44,7 @@ def test_several_causes_are_fitted_as_least_squares_do_whatever_their_units(seed
     made = [rng.normal(size=(n, c)), 10.0**exponent * rng.normal(size=(n, c))]
     errors = rng.normal(size=(n, c)) + made[0] + made[1] * 10.0**-exponent
     columns = Columns(np.ones((n, c), np.int64), errors, zero, H, zero, np.ones(c))
-    fits = Fit(columns, Belief(np.zeros(p), np.eye(p))).together(made)
+    fits = Fit(columns, Estimate(np.zeros(p), np.eye(p))).together(made)
     variance = 1.0 + BINS * 0.4**2
     A = np.concatenate([H.reshape(-1, p), *(one.reshape(-1, 1) for one in made)], axis=1) / np.sqrt(variance)
     prior = np.concatenate([np.eye(p), np.zeros((p, 2))], axis=1)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from bench_sim.model.rubber import friction_curve
-from diagnosis.twin.innovations import BINS, Belief, Columns, friction_goes_on, judge
+from diagnosis.twin.innovations import BINS, Columns, Estimate, friction_goes_on, judge
 
 
 def columns(
@@ -28,13 +28,13 @@ def test_innovations_of_one_channel_give_the_joint_likelihood(seed):
     # A product of what each block adds to those before it is the density of all together (the chain rule).
     rng = np.random.default_rng(seed)
     of, _ = columns(rng, 3, 1, 2)
-    told = judge(of, Belief(np.zeros(2), np.eye(2)), np.zeros((3 * BINS, 1)))
+    told = judge(of, Estimate(np.zeros(2), np.eye(2)), np.zeros((3 * BINS, 1)))
     H, R = of.parameters[:, 0], np.diag(of.noise[0] / of.samples[:, 0])
     joint = multivariate_normal(cov=H @ H.T + R).logpdf(of.measured[:, 0])
-    belief, total = Belief(np.zeros(2), np.eye(2)), 0.0
+    estimate, total = Estimate(np.zeros(2), np.eye(2)), 0.0
     for b in range(3):
         rows = slice(b * BINS, (b + 1) * BINS)
-        S = H[rows] @ belief.covariance @ H[rows].T + R[rows, rows]
+        S = H[rows] @ estimate.covariance @ H[rows].T + R[rows, rows]
         total += -0.5 * np.sum(told.white[b, 0] ** 2) - 0.5 * np.linalg.slogdet(2.0 * np.pi * S)[1]
         part = of._replace(
             samples=of.samples[rows],
@@ -43,7 +43,7 @@ def test_innovations_of_one_channel_give_the_joint_likelihood(seed):
             parameters=H[rows][:, None],
             inputs=of.inputs[rows],
         )
-        belief = judge(part, belief, np.zeros((BINS, 1))).belief
+        estimate = judge(part, estimate, np.zeros((BINS, 1))).estimate
     assert np.isclose(total, joint, rtol=1e-9)
 
 
@@ -52,18 +52,18 @@ def test_innovations_of_one_channel_give_the_joint_likelihood(seed):
 def test_parameters_are_learnt_as_bayes_would(seed):
     rng = np.random.default_rng(seed)
     of, _ = columns(rng, 4, 3, 5)
-    belief = judge(of, Belief(np.zeros(5), np.eye(5)), np.zeros((4 * BINS, 3))).belief
+    estimate = judge(of, Estimate(np.zeros(5), np.eye(5)), np.zeros((4 * BINS, 3))).estimate
     H, w = of.parameters.reshape(-1, 5), (of.samples / of.noise).reshape(-1)
     covariance = np.linalg.inv(np.eye(5) + (H * w[:, None]).T @ H)
-    assert np.allclose(belief.covariance, covariance)
-    assert np.allclose(belief.mean, covariance @ (H.T @ (w * of.measured.reshape(-1))))
+    assert np.allclose(estimate.covariance, covariance)
+    assert np.allclose(estimate.mean, covariance @ (H.T @ (w * of.measured.reshape(-1))))
 
 
 def test_they_are_standard_normal_while_the_model_holds():
     squares = []
     for seed in range(40):
         of, _ = columns(np.random.default_rng(seed), 5, 3, 4)
-        squares.append(judge(of, Belief(np.zeros(4), np.eye(4)), np.zeros((5 * BINS, 3))).white ** 2)
+        squares.append(judge(of, Estimate(np.zeros(4), np.eye(4)), np.zeros((5 * BINS, 3))).white ** 2)
     mean = np.mean(squares)
     assert abs(mean - 1.0) < 4.0 * np.sqrt(2.0 / np.size(squares))
 
@@ -71,7 +71,7 @@ def test_they_are_standard_normal_while_the_model_holds():
 def test_unread_channels_have_no_innovations():
     of, _ = columns(np.random.default_rng(1), 2, 2, 3)
     of.samples[:, 1] = 0
-    told = judge(of, Belief(np.zeros(3), np.eye(3)), np.zeros((2 * BINS, 2)))
+    told = judge(of, Estimate(np.zeros(3), np.eye(3)), np.zeros((2 * BINS, 2)))
     assert np.isnan(told.white[:, 1]).all() and np.isfinite(told.white[:, 0]).all()
 
 

@@ -8,7 +8,7 @@ from rich.console import Console
 from astb.watch.screen import comparison_table
 from bench_records.twin import Compared, LastMinute, TwinStory
 from diagnosis.contracts import Channel
-from diagnosis.twin.innovations import BLOCK, Belief, Innovations
+from diagnosis.twin.innovations import BLOCK, Estimate, Innovations
 from diagnosis.twin.last_minute import joined
 
 CHANNELS = (Channel("left.bellows_pressure", "Pa"), Channel("load_cell.1", "N"))
@@ -17,7 +17,7 @@ CHANNELS = (Channel("left.bellows_pressure", "Pa"), Channel("load_cell.1", "N"))
 def blocks(values: list[float]) -> Innovations:
     """Innovations whose first channel read ``values``, NaN where nothing; the second one the same, negated."""
     measured = np.outer(values, (1.0, -1.0))
-    nothing = Belief(np.empty(0), np.empty((0, 0)))
+    nothing = Estimate(np.empty(0), np.empty((0, 0)))
     return Innovations(measured, measured + 1.0, 0.0 * measured + 2.0, np.empty((0, 0, 0)), nothing)
 
 

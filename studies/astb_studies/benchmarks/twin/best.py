@@ -43,7 +43,7 @@ class WatchedWith(Twin):
         return seen
 
     def _weigh(self, seen: Seen) -> None:
-        case, start, columns, belief = self._case, seen.start, seen.columns, seen.belief
+        case, start, columns, estimate = self._case, seen.start, seen.columns, seen.estimate
         onset = max(round((case.at - start) / BIN), 0)
         cause = self._simulator.catalogue[case.effect]
         shapes = {shape.name: shape.nominal for shape in cause.shapes}
@@ -52,8 +52,8 @@ class WatchedWith(Twin):
             return
         alone = columns._replace(measured=columns.simulated + case.size * column)
         off = rough(columns)
-        d = np.nan_to_num(judge(alone, belief._replace(mean=np.zeros_like(belief.mean)), off).white)
-        z = np.nan_to_num(judge(columns, belief, off).white)
+        d = np.nan_to_num(judge(alone, estimate._replace(mean=np.zeros_like(estimate.mean)), off).white)
+        z = np.nan_to_num(judge(columns, estimate, off).white)
         ratios = (d * z - 0.5 * d**2).sum(axis=(1, 2))
         for b in range(onset // BINS, len(ratios)):
             self._sum += float(ratios[b])
