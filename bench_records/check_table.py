@@ -146,7 +146,7 @@ def certainty(one: Check) -> str:
         return f"no uncertainty: {one.without}"
     if not one.u or one.conformity is None or not math.isfinite(one.number):
         return ""
-    text = f"conforms with {percent(one.conformity)} probability (k = {one.k:.3g})"
+    text = f"probability of conformity {percent(one.conformity)} (k = {one.k:.3g})"
     return f"{text}; uncertainty {causes}" if (causes := _causes(one.parts, one.u)) else text
 
 

@@ -43,17 +43,17 @@ def first_trip(record: Record) -> dict[str, Any] | None:
         return None
     first = trips[0]
     at = record.time_of(first)
-    sentences = [f"First out: {first.text} at {fixed(at, 3)}{THIN_SPACE}s."]
+    sentences = [f"The first limit that tripped: {first.text} at {fixed(at, 3)}{THIN_SPACE}s."]
     followers = [event for event in events if first.time_ns <= event.time_ns and event is not first]
     followers = [event for event in followers if event.kind in {TRIP, "state"}]
     near = [event for event in followers if record.time_of(event) - at <= AROUND_TRIP_S]
     if near:
         text = "; ".join(
-            f"{fixed((event.time_ns - first.time_ns) / 1e6, 0)}{THIN_SPACE}ms later {event.text}"
+            f"{fixed((event.time_ns - first.time_ns) / 1e6, 0)}{THIN_SPACE}ms later, {event.text}"
             for event in near[:6]
         )
         more = f"; and {len(near) - 6} more" if len(near) > 6 else ""
-        sentences.append(f"Then {text}{more}.")
+        sentences.append(f"Next events: {text}{more}.")
     else:
         sentences.append(
             f"No other limit tripped and no state changed in the next {AROUND_TRIP_S:.0f}{THIN_SPACE}s."

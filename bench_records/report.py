@@ -55,6 +55,13 @@ from bench_records.typography import THIN_SPACE, fixed, plain, primed
 #: Largest number of checks on the first page: not passed, and close to a limit.
 FAILED_ROWS: Final = 10
 CLOSE_ROWS: Final = 4
+#: Symbols of dynamic stiffness, which names of checks and axes contain, and their meanings.
+SYMBOLS: Final = {
+    "K\u2032": "the stiffness in phase with the displacement",
+    "K\u2033": "the loss stiffness, in phase with the velocity",
+    "c": "the damping, K\u2033 / (2π · frequency)",
+    "δ": "the loss angle, with tan δ = K\u2033 / K\u2032",
+}
 
 
 def write_report(directory: Path | str, letterhead: Letterhead | None = None) -> Path:
@@ -127,7 +134,9 @@ def _banner(result: Result, twin: TwinStory | None) -> Banner:
     elif twin:
         agreed = f"No deviation from the model in {twin.judged_for:.0f} s."
         reason += Markup("<br>{}").format(
-            agreed if twin.judged_for else "The model could not be compared with the rig."
+            agreed
+            if twin.judged_for
+            else "The model could not be compared with the rig; see the reasons below."
         )
     if result.checks:
         named = {CheckVerdict.ERROR: "without a value"}
@@ -214,8 +223,8 @@ def _twin(twin: TwinStory) -> Markup:
         "Comparison with the model",
         *(deviations or [agreed if twin.judged_for else "No part of the run could be judged."]),
         caption(
-            f"The measured motion is the input of the model “{twin.model}”, which predicts the readings of the other "
-            f"sensors. The model could judge {twin.judged_for:.0f} s of the {twin.until:.0f} s."
+            f"The model “{twin.model}” receives the measured motion and predicts the other readings. It could judge "
+            f"{twin.judged_for:.0f} s of {twin.until:.0f} s."
         ),
         table("from | to | result", rows),
     )
@@ -246,7 +255,7 @@ def _check_table(rows: Sequence[CheckRow], *, purpose: bool = False) -> Markup:
             if note
         ]
         bodies.append(element("tbody", joined([_CHECK.format(row, bar_drawing(row), kind), *notes]), kind))
-    heads = "check | measured :n | ± U :n | low :n | high :n | unit :u | within the band | verdict"
+    heads = "check | measured :n | ± U :n | lower limit :n | upper limit :n | unit :u | between the limits | verdict"
     return table(heads, joined(bodies, "\n"), "checks")
 
 
@@ -257,15 +266,17 @@ def _results(result: Result, plots: PlotData) -> Iterator[Markup]:
             "All checks" if notable(result.checks) else "Checks",
             _check_table(check_rows(result.checks)),
             caption(
-                "The grey bar is the permitted range. Its hatched ends are the marginal zone: a value there is within "
-                "the limits, but with its uncertainty it may be outside. The line through a value is its expanded "
-                "uncertainty U = k u, with a coverage of about 95 %. An arrow marks a value outside the drawing."
+                "The grey bar is the range between the limits. A value in its hatched ends is marginal: it is within "
+                "the limits, but the true value may be outside. The line through a value is its expanded uncertainty "
+                "U, with a coverage of about 95 %. U is k times the standard uncertainty. An arrow marks a value "
+                f"outside the drawing. {_symbols(result)}"
             ),
         )
     if purposes := meanings(result.checks):
         yield section("Purpose of the checks", facts_table(purposes))
     if result.curves:
         bars = any(one.expanded for one in result.curves)
+        symbols = "" if result.checks else _symbols(result)
         yield section(
             "Curves",
             pairs(_zooming(one, plots) for one in curve_plots(result.curves)),
@@ -273,8 +284,18 @@ def _results(result: Result, plots: PlotData) -> Iterator[Markup]:
                 table([Cell(head, NUMBER) for head in one.columns], one.rows, "numbers")
                 for one in curve_tables(result.curves)
             ),
-            caption("The line through a point is its expanded uncertainty." if bars else ""),
+            caption(f"The line through a point is its expanded uncertainty. {symbols}" if bars else symbols),
         )
+
+
+def _symbols(result: Result) -> str:
+    """Return the meaning of the symbols in the names of checks and axes; "" without a symbol."""
+    names = [
+        *(one.name for one in result.checks),
+        *(axis.label for one in result.curves for axis in (one.x, one.y)),
+    ]
+    used = {word for name in names for word in primed(name).split()}
+    return " ".join(f"{symbol} is {text}." for symbol, text in SYMBOLS.items() if symbol in used)
 
 
 def _zooming(drawn: Drawn, plots: PlotData) -> Markup:
@@ -296,13 +317,13 @@ def _course(
     shown = ""
     if replay:
         shown = caption(
-            f"The bench seen from behind, with a picture every {replay['step']} s. Click on a plot below to show the "
-            "bench at that time. To open this page at 12.3 s, add #t=12.3 to its address."
+            f"The drawing shows the bench from behind, with a picture every {replay['step']} s. Click on a plot below "
+            "to show the bench at that time. To open this page at 12.3 s, add #t=12.3 to its address."
         )
         shown = element("div", Markup('<div class="replay"></div>\n') + shown, "hint")
     drawn = (drawing(strips), phase_list(phases), *(_zooming(one, plots) for one in panels))
     hint = element("span", " Drag over a plot to zoom; double-click to return.", "hint")
-    lines = "Dashed lines belong to the right side of the bench. An axis with a break does not begin at zero."
+    lines = "Dashed lines are readings of the right side of the bench. An axis with a zigzag does not begin at zero."
     yield section("The run", shown, element("div", joined(drawn), "stack"), caption(lines + hint))
 
 
@@ -315,8 +336,10 @@ def _appendix(result: Result, record: Record, directory: Path) -> Iterator[Marku
         rows = [(when, Cell(kind, f"kind {kind}"), text, details) for when, kind, text, details in events]
         yield section(
             "Events",
-            table("s :n | kind | what | details :u words", rows, "events"),
-            caption(f"The record has {later} later events." if later else ""),
+            table("time, s :n | kind | event | details :u words", rows, "events"),
+            caption(
+                f"The table ends here. The file record.parquet has {later} later events." if later else ""
+            ),
         )
     pieces = [(*one[:3], *(text or "–" for text in one[3:])) for one in instruments_of(record.meta)]
     if pieces:
@@ -393,9 +416,7 @@ def least_sure(checks: list[Check]) -> str:
     if not known or any(one.verdict is not CheckVerdict.PASS for one in checks):
         return ""
     probability, one = min(known, key=lambda pair: pair[0])
-    return (
-        f"The least certain check is {primed(one.name)}: it conforms with {percent(probability)} probability."
-    )
+    return f"The check with the lowest probability of conformity is “{primed(one.name)}”, with {percent(probability)}."
 
 
 def _timing(timing: Timing) -> Markup:
@@ -403,15 +424,20 @@ def _timing(timing: Timing) -> Markup:
 
     figures = [
         ("ticks", f"{timing.ticks:,}".replace(",", THIN_SPACE)),
-        ("late", f"{timing.late:,}".replace(",", THIN_SPACE)),
+        ("late ticks", f"{timing.late:,}".replace(",", THIN_SPACE)),
     ]
     if timing.period is not None:
         figures.append(("period", f"{timing.period * 1e3:g}{THIN_SPACE}ms"))
-    for name, value in (("median", timing.p50), ("99th percentile", timing.p99), ("worst", timing.max)):
+    for name, value in (
+        ("median delay", timing.p50),
+        ("99th percentile of the delay", timing.p99),
+        ("largest delay", timing.max),
+    ):
         if value is not None:
             figures.append((name, f"{fixed(value * 1e6, 0 if value > 1e-4 else 1)}{THIN_SPACE}µs"))
     disturbed = ", ".join(f"{name} ({late})" for name, late in timing.disturbed.items())
     text = "No tick was late."
+    meaning = "A tick is one time step of the rig. "
     if timing.max is None and not timing.counts:
         text = "The run was in virtual time, so every tick was on time."
     elif timing.late:
@@ -419,7 +445,9 @@ def _timing(timing: Timing) -> Markup:
         none = "No tick was late during the measurement of a check."
         text = f"Late ticks: {timing.late}. {during if disturbed else none}"
     drawn = lateness("lateness", timing) if timing.counts and timing.edges else ""
-    return section("Timing of the rig", key_facts(figures), text, element("div", Markup(drawn), "narrow"))
+    return section(
+        "Timing of the rig", key_facts(figures), meaning + text, element("div", Markup(drawn), "narrow")
+    )
 
 
 def _facts(meta: dict[str, Any], result: Result) -> list[tuple[str, str]]:
@@ -448,9 +476,8 @@ def _dimensions(meta: dict[str, Any]) -> list[Markup]:
         for name, one in sorted(known.items())
     ]
     numbers = table("dimension | value, SI :n | uncertainty, SI :n | source", rows, "numbers")
-    where = "Their values, uncertainties and sources are in meta.json."
     return [
-        paragraph(f"The run used {len(known)} dimensions of the rig. {where}"),
+        paragraph(f"The run used {len(known)} dimensions of the rig. They are also in meta.json."),
         element("details", element("summary", "Dimensions of the rig") + numbers, "hint"),
     ]
 
@@ -465,7 +492,7 @@ def headline(result: Result) -> str:
         return f"{result.count(CheckVerdict.FAIL)} of {total} {noun} outside the limits"
     if result.verdict is Outcome.INCOMPLETE:
         lacking = result.count(CheckVerdict.NOT_AVAILABLE)
-        return f"{lacking} of {total} {noun} not available on this rig; the others within the limits"
+        return f"{lacking} of {total} {noun} not available on this rig; the others are within the limits"
     marginal = result.count(CheckVerdict.MARGINAL)
     return f"{total} {noun} within the limits" + (
         f", {marginal} of them close to a limit" if marginal else ""

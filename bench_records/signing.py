@@ -59,8 +59,8 @@ def identification(record: Record, result: Result, duration: float) -> list[Entr
         **{f"{name.replace('_', ' ')}": text for name, text in result.parameters.items()},
         "software": ", commit ".join(filter(None, (_version(meta), str(meta.get("commit", ""))))),
         "duration": seconds(duration),
-        "samples": f"{len(record):,}".replace(",", THIN_SPACE),
-        "seed": "" if result.seed is None else str(result.seed),
+        "recorded samples": f"{len(record):,}".replace(",", THIN_SPACE),
+        "random seed": "" if result.seed is None else str(result.seed),
         "late ticks": str(timing.late) if timing and timing.max is not None else "",
     }
     return entries + [Entry(name, text) for name, text in more.items() if text]

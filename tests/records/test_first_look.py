@@ -52,7 +52,10 @@ def test_the_first_page_stays_one_page_however_much_fails() -> None:
 
 def test_where_all_conform_the_least_sure_is_named() -> None:
     sure, less = (check(name, value, "N", high=1.0, u=0.1) for name, value in (("sure", 0.1), ("less", 0.75)))
-    assert least_sure([sure, less]) == "The least certain check is less: it conforms with 99.4 % probability."
+    assert (
+        least_sure([sure, less])
+        == "The check with the lowest probability of conformity is “less”, with 99.4 %."
+    )
     assert least_sure([sure, check("bad", 2.0, "N", high=1.0, u=0.1)]) == ""
 
 

@@ -121,12 +121,13 @@ def test_verdict_instruction_phases_events_and_origin(failed_run: Path, failed_p
 
 def test_the_first_trip_is_reported_first(failed_page: str, passed_page: str) -> None:
     text = Page(failed_page).text
-    assert "First out: right bellows pressure above 2.2 bar at 86.000\u2009s." in text
+    assert "The first limit that tripped: right bellows pressure above 2.2 bar at 86.000\u2009s." in text
     assert (
-        "Then 12\u2009ms later ACTIVE → FAULT HOLD; 300\u2009ms later left height error above 8 mm." in text
+        "Next events: 12\u2009ms later, ACTIVE → FAULT HOLD; 300\u2009ms later, left height error above 8 mm."
+        in text
     )
     assert "Pressures (gauge) around the trip" in text
-    assert "First out" not in passed_page
+    assert "The first limit that tripped" not in passed_page
     panels, calm = (
         [svg for svg in re.findall(r"<svg class=\"plot\".*?</svg>", page, re.DOTALL) if 'id="time' in svg]
         for page in (failed_page, passed_page)
