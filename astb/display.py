@@ -161,11 +161,12 @@ class ProgressDisplay:
             self._live.conclude(result)
             self._screen.run = None
         colour = _OUTCOMES[result.verdict]
-        text = headline(result) if result.verdict is Outcome.INCOMPLETE else result.reason
-        reason = f": {text}" if text else ""
-        self._print(f"{result.plan}: {result.verdict.upper()}{reason}", f"bold {colour}")
+        self._print(f"{result.plan}: {result.verdict.upper()}: {headline(result)}", f"bold {colour}")
         if deviates:
-            self._print("  the rig deviates from its model: see above, and the report", "bold yellow")
+            self._print(
+                "  the rig deviates from its model; the report gives the possible causes",
+                "bold yellow",
+            )
         self._print(f"  report: {directory / REPORT}")
 
     def _print(self, text: str, style: str = "") -> None:
@@ -187,7 +188,9 @@ def drawn(seen: Snapshot) -> Text:
     text.append(" › ".join(seen.step) or "–", "bold")
     text.append(f"  {seen.in_step:.0f} s")
     if seen.held or seen.hold_wanted_by:
-        text.append(f"  held {seen.held}" if seen.held else "  to be held at the next place", "bold yellow")
+        text.append(
+            f"  held {seen.held}" if seen.held else "  will be held at the next hold point", "bold yellow"
+        )
     text.append("\n")
     text.append(f"{'next':<14}", "dim")
     text.append((seen.next or ("not known" if seen.left is None else "the end")) + "  ")

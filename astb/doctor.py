@@ -86,7 +86,7 @@ def _python() -> MachineCheck:
         "fine" if right else "broken",
         platform.python_version(),
         "everything",
-        "" if right else "Python 3.11 or newer",
+        "" if right else "install Python 3.11 or newer",
     )
 
 
@@ -96,7 +96,7 @@ def _system() -> MachineCheck:
         "fine" if LINUX else "missing",
         platform.system(),
         "rigs in real time",
-        "" if LINUX else "Linux; virtual time (--virtual), reports and diagnoses need none",
+        "" if LINUX else "use Linux; virtual time (--virtual), reports and diagnoses work on all systems",
     )
 
 
@@ -133,7 +133,7 @@ def _packages() -> Iterator[MachineCheck]:
     yield MachineCheck(
         "packages",
         "broken" if wrong else "fine",
-        "; ".join(wrong) or "all there, in versions that fit",
+        "; ".join(wrong) or "all installed, in the required versions",
         "everything",
         f"pip install {' '.join(wrong.values())}" if wrong else "",
     )
@@ -141,7 +141,7 @@ def _packages() -> Iterator[MachineCheck]:
         yield MachineCheck(
             f"extra {extra}",
             "missing" if extra in lacking else "fine",
-            f"no {lacking[extra]}" if extra in lacking else "there",
+            f"{lacking[extra]} is missing" if extra in lacking else "installed",
             purpose,
             install_command(extra) if extra in lacking else "",
         )
@@ -166,7 +166,7 @@ def _compiled_code() -> MachineCheck:
         "compiled code",
         "fine" if kept else "missing",
         f"kept in {kept}" if kept else NOT_KEPT.partition(";")[0],
-        "quick starts",
+        "short start time",
         "" if kept else "set NUMBA_CACHE_DIR to a folder that you may write",
     )
 
@@ -186,8 +186,8 @@ def _processors() -> MachineCheck:
         "processors",
         "fine" if count > 1 else "missing",
         f"{count} for this process",
-        "a rig and its commander side by side in real time",
-        "" if count > 1 else "another processor; virtual time needs one",
+        "a rig and its control program at the same time",
+        "" if count > 1 else "use a machine with two processors; virtual time needs one",
     )
 
 
@@ -215,13 +215,13 @@ def _priority() -> Iterator[MachineCheck]:
             "real-time priority",
             lambda: os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY)),
             f"@USERS - rtprio {PRIORITY}",
-            "punctual ticks and set-points on a busy machine",
+            "time steps without delay on a busy machine",
         ),
         (
             "nice",
             lambda: os.setpriority(os.PRIO_PROCESS, 0, NICE),
             f"@USERS - nice {NICE}",
-            "a commander that goes before other programs",
+            "priority of the control program over other programs",
         ),
     ):
         refused = _in_a_thread(attempt)
@@ -230,7 +230,7 @@ def _priority() -> Iterator[MachineCheck]:
             "missing" if refused else "fine",
             refused.lower() or "granted",
             purpose,
-            f"the line `{line}` in {limits}, USERS being a group of yours; then log in again"
+            f"add the line `{line}` to {limits}, with a group of yours for USERS; then log in again"
             if refused
             else "",
         )
@@ -254,7 +254,7 @@ def _punctuality() -> MachineCheck:
     return MachineCheck(
         "punctuality",
         "fine" if right else "missing",
-        f"sleeps of 1 ms end {median / NS / us:.0f} us late, one in a hundred {high / NS / us:.0f} us",
+        f"pauses of 1 ms end {median / NS / us:.0f} us late (median), {high / NS / us:.0f} us (99th percentile)",
         "runs in real time",
         "" if right else "end other programs on this machine, or run in virtual time (--virtual)",
     )
@@ -282,10 +282,16 @@ def _socketcan() -> MachineCheck:
             where = f"user-mode Linux exists for x86_64 only, not for {platform.machine()}"
         elif _has_wide_tiles() and not (os.environ.get("CC") or shutil.which("cc")):
             where += ", on this processor with the help of a C compiler: apt install gcc libc6-dev"
-        return MachineCheck("SocketCAN", "missing", "this kernel has none", purpose, f"{where} ({how})")
+        return MachineCheck(
+            "SocketCAN", "missing", "not supported by this kernel", purpose, f"{where} ({how})"
+        )
     mend = f"ip link add {VIRTUAL_INTERFACE} type vcan && ip link set {VIRTUAL_INTERFACE} up, as root"
     return MachineCheck(
-        "SocketCAN", "missing", f"the kernel has it, but no {VIRTUAL_INTERFACE}", purpose, mend
+        "SocketCAN",
+        "missing",
+        f"the interface {VIRTUAL_INTERFACE} is missing",
+        purpose,
+        mend,
     )
 
 
@@ -334,7 +340,7 @@ def _tools() -> Iterator[MachineCheck]:
         yield MachineCheck(
             name,
             "fine" if path else "missing",
-            path or "not here",
+            path or "not installed",
             purpose,
             "" if path else f"{APT} {package}",
         )
@@ -344,7 +350,7 @@ def _printing() -> MachineCheck:
     purpose = "reports as PDF (--pdf)"
     path = browser()
     if path is None:
-        return MachineCheck("Chromium", "missing", "not here", purpose, MEND)
+        return MachineCheck("Chromium", "missing", "not installed", purpose, MEND)
     number = browser_version(path)
     right = number is not None and number >= NUMBERS_PAGES
     return MachineCheck(
@@ -362,9 +368,9 @@ def _room(records: Path) -> MachineCheck:
     writable = _can_write(there)
     right = writable and free > ROOM
     return MachineCheck(
-        f"room in {records}",
+        f"disk space in {records}",
         "fine" if right else "missing" if writable else "broken",
         f"{free / 1e9:.3g} GB free" if writable else f"{there} cannot be written",
-        "records; an hour takes some 0.1 GB",
-        "" if right else "another folder: --out DIRECTORY",
+        "records; one hour needs about 0.1 GB",
+        "" if right else "choose another folder with --out DIRECTORY",
     )

@@ -239,7 +239,7 @@ def _reported(directory: Path, display: ProgressDisplay) -> Path | None:
     """Write checksums and report of a run; return the report. A disk error gives a warning and None, so the run is not
     lost.
     """
-    display.say("report")
+    display.say("writing the report")
     try:
         write_sums(directory)
         return write_report(directory)

@@ -50,7 +50,7 @@ class CampaignDisplay:
         """Show the present state of the campaign."""
         row = standing.row
         if not row and standing.before:
-            self._print_line(f"{standing.before} of {standing.total} cases are kept already")
+            self._print_line(f"{standing.before} of {standing.total} cases have results from earlier")
         if row and row["error"]:
             self._print_line(f"{row['key']}: {row['error']}")
         self._bar.update(
@@ -97,7 +97,7 @@ def cost(
     """
     kept = {row["key"] for row in rows if not (again and row["error"])}
     left = [case.plan for key, case in cases.items() if key not in kept]
-    total = f"{len(cases)} cases: {len(cases) - len(left)} are kept, {len(left)} run"
+    total = f"{len(cases)} cases: {len(cases) - len(left)} have results, {len(left)} will run"
     if not left:
         return total
     lasts = {name: plans()[name].lasts for name in set(left)}
@@ -113,7 +113,7 @@ def cost(
         f"{total}; test time {duration(sum(lasts[name] for name in left))}, "
         f"{'computing' if processes else 'processor'} time about {duration(computing)}"
         f"{f' on {used} processes' * (used > 1)}"
-        f"{'' if good else ' (a guess until the first case is kept)'}"
+        f"{'' if good else ' (a first estimate)'}"
     )
 
 

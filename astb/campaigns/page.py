@@ -119,8 +119,8 @@ def _plan_section(one: PlanTable) -> Markup:
         f"{one.plan}: cases by checks, failures first",
         element("div", table(heads, rows, "cases"), "wide", tabindex="0"),
         caption(
-            "✓ pass, ▲ close to a limit, ✕ fail, ? no value, ∅ not available; an empty cell: this case has no such "
-            "check. Point at a cell for its value and limits."
+            "✓ pass, ▲ marginal (close to a limit), ✕ fail, ? no value, ∅ not available. An empty cell means that the "
+            "case does not have this check. Point at a cell for its value and limits."
         ),
     )
 
@@ -142,11 +142,13 @@ def _spread_section(spreads: Sequence[Spread]) -> Markup:
         )
         for one in spreads
     ]
-    heads = "plan | case | check | failed :n | mean :n value | scatter :n | :u | every value over the permitted band"
+    heads = (
+        "plan | case | check | failed :n | mean :n value | st. dev. :n | unit :u | all values, limits in grey"
+    )
     return section(
         "Distributions, most frequent failures first",
         element("div", table(heads, rows), "wide", tabindex="0"),
-        caption("A row is one check over all seeds of a case. Scatter is one standard deviation."),
+        caption("Each row is one check over all random seeds of a case. St. dev. is the standard deviation."),
     )
 
 

@@ -211,9 +211,9 @@ def _show(console: "Console", found: "Rehearsal", page: Path) -> None:
     for row in found.limits[:_SHOWN]:
         print_line(f"  {limit_line(row)}")
     for one in found.indicated:
-        print_line(f"  indicated only, the plan continues: {one}", "yellow")
+        print_line(f"  warning only, the plan continues: {one}", "yellow")
     end = word(found)
     print_line(f"{found.plan}: {end.upper()}: {sentence(found)}", _STYLE[end])
     if end == "clear":
-        print_line(f"  on the simulated spring it ends with: {found.verdict}")
+        print_line(f"  verdict on the simulated spring: {found.verdict}")
     print_line(f"  page: {page}")

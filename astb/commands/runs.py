@@ -214,7 +214,7 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
         print_json(found)
         return
     console = open_console()
-    facts = open_table("what was different", "", "A", "B", whole=("",))
+    facts = open_table("different conditions", "", "A", "B", whole=("",))
     for fact in found.facts:
         facts.add_row(fact.what.replace("_", " "), fact.a, fact.b)
     console.print(facts if found.facts else "The records show no difference in rig, specimen or parameters.")

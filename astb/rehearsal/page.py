@@ -48,10 +48,13 @@ def write_page(found: Rehearsal, directory: Path) -> Path:
     """
     record = read(directory)
     span = (0.0, max(record.duration, 1e-3))
-    notes = [*found.notes, *(f"indicated only, the plan continues: {one}" for one in found.indicated)]
+    notes = [
+        *found.notes,
+        *(f"warning only, the plan continues: {one}" for one in found.indicated),
+    ]
     blocked = found.verdict.value == "blocked"
-    ended = f"the plan ends without a verdict: {found.reason}"
-    finished = f"on the simulated spring the plan ends with: {found.verdict.value}"
+    ended = f"the plan would end without a verdict: {found.reason}"
+    finished = f"verdict on the simulated spring: {found.verdict.value}"
     page = Document(
         f"{found.plan}, rehearsed: {word(found)}",
         f"Rehearsal · {found.plan}",
@@ -93,20 +96,23 @@ def _limits(found: Rehearsal) -> Markup:
     rows = [row for row in found.limits if row.kind != "timeout" or row.used >= _TOLD_FROM]
     silent = len(found.limits) - len(rows)
     note = (
-        "Closest: the extreme value that lasted long enough to trip; if a prediction is limited, the prediction. "
-        "Of the way: the travelled share of the distance from the first reading to the limit; it trips at 100 %."
+        "“First” is the first reading. “Closest” is the value nearest to the limit that lasted long enough to trip it. "
+        "If the rig limits a predicted value, “closest” is the prediction. “Used” is 0 % at the first reading and "
+        "100 % at the limit."
     )
     if found.refusal:
         note += " Readings after the end of the plan do not count."
     if silent:
-        note += f" {silent} limits on missing readings reached less than a tenth."
-    heads = "limit of | began at :n | closest :n value | limit :n | of the way | where | action | source"
+        note += f" {silent} limits on missing readings are not listed, because each used less than 10 %."
+    heads = (
+        "limited reading | first :n | closest :n value | limit :n | used | phase and time | action | source"
+    )
     return section("Limits, the closest first", table(heads, map(_limit_row, rows)), caption(note))
 
 
 def _envelope(extremes: Sequence[Extreme]) -> Markup:
-    heads = "reading | lowest :n value | in | highest :n value | in | :u"
-    note = "As the transducers would read, noise included; speeds are differences over 20 ms."
+    heads = "reading | lowest :n value | phase | highest :n value | phase | unit :u"
+    note = "The readings include the noise of the transducers. Speeds are differences over 20 ms."
     return section("Extremes of the readings", table(heads, map(_extreme_row, extremes)), caption(note))
 
 
@@ -121,12 +127,12 @@ def sentence(found: Rehearsal) -> str:
     """Return the result as a sentence: the limit that would trip and its place, or the closest limit."""
     if found.refusal:
         one = found.refusal
-        return f"{one.words}; in {one.step or 'no step'} at {one.time:.2f} s"
+        return f"{one.words}, in {one.step or 'no step'} at {one.time:.2f} s"
     if found.verdict.value == "blocked":
         return found.reason
     row = found.limits[0]
     return (
-        f"no limit trips; closest to its limit is {_named(row)}: {row.closest} of {row.limit}, "
+        f"no limit trips; the smallest margin is at {_named(row)}, {row.limit}: the closest value is {row.closest}, "
         f"in {row.step or 'no step'} at {row.time:.2f} s"
     )
 
@@ -136,13 +142,14 @@ def limit_line(row: LimitMargin) -> str:
     began = f" from {row.began}" if row.began else ""
     where = f" in {row.step} at {row.time:.2f} s" if row.closest and row.step else ""
     return (
-        f"{100 * row.used:3.0f} % of the way{began} to {_named(row)} {row.limit}: {row.closest or 'never'}{where} "
-        f"→ {row.action} ({row.source})"
+        f"{100 * row.used:3.0f} % of the way{began} to {_named(row)}, {row.limit}: {row.closest or 'never'}{where}; "
+        f"action: {row.action} (source: {row.source})"
     )
 
 
 def _named(row: LimitMargin) -> str:
-    return f"{row.signal.replace('.', ' ').replace('_', ' ')}, {row.kind}"
+    kind = f"{row.kind} limit" if row.kind in _PLACES else row.kind
+    return f"{row.signal.replace('.', ' ').replace('_', ' ')}, {kind}"
 
 
 def _limit_row(row: LimitMargin) -> tuple[object, ...]:

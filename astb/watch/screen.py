@@ -78,7 +78,7 @@ def comparison_table(minute: LastMinute, story: TwinStory) -> Table:
     """
     deviation = story.present_deviation
     word = f"deviates from its model since {deviation.since:.1f} s" if deviation else "agrees with its model"
-    title = f"{story.until:.1f} s: the rig {word}; means over the half second around {minute.times[-1]:.1f} s"
+    title = f"{story.until:.1f} s: the rig {word}; means over 0.5 s around {minute.times[-1]:.1f} s"
     table = open_table(title, "reading", "unit")
     for name in ("measured", "expected", "± (k = 2)", "difference / ±"):
         table.add_column(name, justify="right", no_wrap=True)

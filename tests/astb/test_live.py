@@ -173,7 +173,7 @@ def test_a_drawing_tells_trouble():
         "main › there",
         "not known",
         "not reported by the rig",
-        "to be held",
+        "will be held",
         "no reading",
         " 95 %",
     ):

@@ -99,14 +99,19 @@ def test_a_rig_may_be_named(tmp_path):
 
 def test_the_cost_counts_the_cases_that_are_not_kept(tmp_path):
     cases = cases_of(tmp_path, 'plans = ["leak_down", "tightness"]\nseeds = 4\n')
-    assert "8 cases: 0 are kept, 8 run; test time 14 min" in cost(cases, [], 2)  # 4 × 70 s and 4 × 140 s
+    assert "8 cases: 0 have results, 8 will run; test time 14 min" in cost(
+        cases, [], 2
+    )  # 4 × 70 s and 4 × 140 s
     first, *others = [key for key, case in cases.items() if case.plan == "leak_down"]
     row = {"key": first, "plan": "leak_down", "error": "", "seconds": 7.0, "lasted": 70.0}
     # Three cases of 7 s, and four of a plan without rows at the same speed: 14 s each.
-    assert cost(cases, [row], 1) == "8 cases: 1 are kept, 7 run; test time 13 min, computing time about 77 s"
+    assert (
+        cost(cases, [row], 1)
+        == "8 cases: 1 have results, 7 will run; test time 13 min, computing time about 77 s"
+    )
     assert cost(cases, [row], 7).endswith("computing time about 11 s on 7 processes")
     bad = row | {"key": others[0], "error": "it crashed"}
-    assert cost(cases, [row, bad], 1).startswith("8 cases: 2 are kept, 6 run")
+    assert cost(cases, [row, bad], 1).startswith("8 cases: 2 have results, 6 will run")
     assert cost(cases, [row, bad], 1, again=True) == cost(cases, [row], 1)
 
 

@@ -192,11 +192,11 @@ class _Examination:
     def _capabilities(self) -> list[str]:
         can = self.wiring.capabilities
         return [
-            "has a function generator" if can.generator else "no generator: the bench streams the waves",
+            "function generator" if can.generator else "no function generator: ASTB sends the waves",
             "one commander at a time (lease)"
             if can.lease
             else "no lease: two commanders cannot detect each other",
             "watchdog of the settings" if can.watchdog else "no watchdog of the settings' connection",
-            "reports its signal map" if can.identity else "does not report its signal map",
+            "signal map reported" if can.identity else "signal map not reported",
             *(f"{name}: {text}" for name, text in can.notes.items()),
         ]

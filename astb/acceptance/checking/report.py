@@ -88,7 +88,7 @@ class CheckReport(msgspec.Struct, frozen=True, kw_only=True):
         if self.doubtful:
             lines.append(f"{len(self.doubtful)} doubtful: {', '.join(self.doubtful)}")
         elif not self.missing:
-            lines.append("all fine")
+            lines.append("all fine: each judged signal is received and plausible")
         return lines
 
     @property

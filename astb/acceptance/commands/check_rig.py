@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 #: Terminal width from which remarks are next to a signal. On a narrower one they are below, and only JSON has sources.
 _WIDE: Final = 120
+#: Shown for signals and motions without a verdict.
+_NOT_JUDGED: Final = {"not told": "not judged"}
 
 
 @click.command("check")
@@ -88,9 +90,10 @@ def _move(rig: "RigFile", path: Path, say: Callable[[str], None]) -> "list[MoveL
 def _show(report: "CheckReport") -> None:
     style = {"fine": "green", "doubtful": "bold red", "absent": "yellow", "not told": "dim"}
     console = open_console()
-    console.print(styled(report.rig, "bold") + f", {report.state}; identity: {report.identity}")
+    console.print(styled(report.rig, "bold") + f": state {report.state}; {report.identity}")
     for line in report.summary:
         console.print(styled(line, "bold"))
+    console.print("capabilities of the rig:")
     for line in report.capabilities:
         console.print(f"  {line}")
     wide = console.width >= _WIDE
@@ -99,7 +102,7 @@ def _show(report: "CheckReport") -> None:
     for one in report.signals:
         rate = "" if one.rate is None else f"{one.rate:.3g} Hz"
         age = "" if one.age is None else f"{one.age * 1e3:.0f} ms"
-        mark = styled(one.verdict, style[one.verdict])
+        mark = styled(_NOT_JUDGED.get(one.verdict, one.verdict), style[one.verdict])
         further = (age, one.source, one.remark) if wide else ()
         table.add_row(mark, one.name, one.shown, rate, *further)
     console.print(table)
@@ -110,11 +113,16 @@ def _show(report: "CheckReport") -> None:
         mark = styled(noticed.verdict, style[noticed.verdict])
         console.print(mark + f" transport {noticed.name}: {noticed.remark}")
     if report.moves:
-        moves = open_table("moves", "", "what", "found", "right", whole=("",))
+        moves = open_table("moves", "", "quantity", "found", "expected", whole=("",))
         for move in report.moves:
-            moves.add_row(styled(move.verdict, style[move.verdict]), move.what, move.found, move.right)
+            moves.add_row(
+                styled(_NOT_JUDGED.get(move.verdict, move.verdict), style[move.verdict]),
+                move.what,
+                move.found,
+                move.right,
+            )
         console.print(moves)
     for what, names in report.checks.items():
         console.print(f"{what} cannot be measured in aw0 and aw3: the rig has no {names}")
     if report.remembered:
-        console.print(f"only remembered, as last written: {', '.join(report.remembered)}")
+        console.print(f"not read back from the rig, shown as last written: {', '.join(report.remembered)}")
