@@ -215,7 +215,7 @@ def _priority() -> Iterator[MachineCheck]:
             "real-time priority",
             lambda: os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY)),
             f"@USERS - rtprio {PRIORITY}",
-            "time steps without delay on a busy machine",
+            "punctual ticks on a busy machine",
         ),
         (
             "nice",

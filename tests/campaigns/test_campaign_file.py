@@ -168,7 +168,7 @@ def test_through_a_pipe_there_are_plain_lines_now_and_then():
         ):
             display(Standing(10, 4, done, 1 if done else 0, elapsed, row))
     assert said.getvalue().splitlines() == [
-        "4 of 10 cases are kept already",
+        "4 of 10 cases have results from earlier",
         "k: ValueError: no",
         "6 of 10 cases, 1 failed, 22 s left",
         "10 of 10 cases, 1 failed",

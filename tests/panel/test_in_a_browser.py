@@ -122,7 +122,7 @@ def test_a_page_outlives_its_server_and_stops_the_run_that_went_on(
     assert snapshot["state"] == "ACTIVE", "and the rig with it"
     bench_panel.start()
     commander.wait_for_selector("body:not(.stale)")
-    until(commander, "#seat", "This page commands")
+    until(commander, "#seat", "This page controls the rig")
     viewer = open_page(command=False)
     assert "not from this page" in text_of(viewer, "#estop"), (
         "where it would do nothing it does not look as if"
@@ -174,10 +174,10 @@ def test_the_tab_says_what_waits_first_and_how_far_the_run_is(open_page):
 
     assert title(None) == "hall – ASTB"
     assert title(run) == "43 % aw0 – hall – ASTB"
-    assert title(run | {"question": "Fit the plate"}) == "❓ aw0 asks – hall – ASTB"
+    assert title(run | {"question": "Fit the plate"}) == "❓ aw0: answer needed – hall – ASTB"
     assert title(run | {"held": "before the push"}) == "⏸ aw0 is held – hall – ASTB"
     assert title(None, {"verdict": "fail", "plan": "aw0"}) == "fail: aw0 – hall – ASTB"
-    assert title(run, link="gone") == title(run, stale=True) == "⚠ not heard – hall – ASTB"
+    assert title(run, link="gone") == title(run, stale=True) == "⚠ no data – hall – ASTB"
     assert page.title().endswith(" – ASTB")
 
 
@@ -195,18 +195,20 @@ def test_a_card_offers_what_can_be_done_and_an_axis_has_the_decimals_of_its_step
 
 
 def test_one_page_commands_and_another_may_take_over(commander, open_page):
-    until(commander, "#seat", "This page commands")
+    until(commander, "#seat", "This page controls the rig")
     commander.reload()
-    until(commander, "#seat", "This page commands")
+    until(commander, "#seat", "This page controls the rig")
     with commander.expect_popup() as opened:
         commander.evaluate("window.open(location.pathname)")
-    until(opened.value, "#seat", "Another page commands")  # though it has a copy of what the first one keeps
+    until(
+        opened.value, "#seat", "Another page controls the rig"
+    )  # though it has a copy of what the first one keeps
     second = open_page()
-    until(second, "#seat", "Another page commands")
+    until(second, "#seat", "Another page controls the rig")
     assert second.locator("#start:enabled").count() == 0
     second.click("#take")
-    until(second, "#seat", "This page commands")
-    until(commander, "#seat", "Another page commands")
+    until(second, "#seat", "This page controls the rig")
+    until(commander, "#seat", "Another page controls the rig")
 
 
 def test_a_stop_needs_no_page_and_an_open_connection_is_dropped(open_page):
@@ -255,7 +257,7 @@ def test_the_views_show_past_runs_and_diagnoses_faults_and_the_bus(open_page, be
         '{"verdict": "named", "sentence": "it <b>leaks</b>", "provenance": {"simulator": "the bench"}}'
     )
     page = open_page()
-    until(page, "#seat", "This page commands")
+    until(page, "#seat", "This page controls the rig")
     assert not page.evaluate(OVERLAPS), "on a tablet"
 
     page.click("#views >> text=Runs")
@@ -300,5 +302,5 @@ def test_the_views_show_past_runs_and_diagnoses_faults_and_the_bus(open_page, be
     until(page, "section[aria-label='faults that are on']", "No fault is on")
 
     page.click("#views >> text=Bus")
-    until(page, "section[aria-label=rig]", "Who commands")
+    until(page, "section[aria-label=rig]", "Rig controlled by")
     until(page, "section[aria-label=frames] h2", "^[1-9].* frames/s")

@@ -33,21 +33,21 @@ function facts({ rig, run }) {
   const worst = rig["rig.lateness_max"];
   const last = identifier ? `CAN frame ${hex(identifier)}` : "a Modbus request";
   return [
-    fact("Who commands", ...who(lease, holder, run)),
-    fact("Late ticks", fixed(rig["rig.late_ticks"], 0), worst === null ? "" : `at worst ${fixed(1000 * worst, 2)}\u2009ms`),
-    fact("Commands refused", fixed(rig["rig.rejected_commands"], 0), "wrong CRC, counter or token"),
+    fact("Rig controlled by", ...who(lease, holder, run)),
+    fact("Late ticks", fixed(rig["rig.late_ticks"], 0), worst === null ? "" : `largest delay ${fixed(1000 * worst, 2)}\u2009ms`),
+    fact("Commands refused", fixed(rig["rig.rejected_commands"], 0), "frames with wrong checksum, counter or token"),
     fact("Set-points refused", fixed(rig["rig.refused_setpoints"], 0), "out of range"),
-    fact("From other clients", fixed(strangers, 0), strangers ? `last: ${last}${port ? ` from TCP port ${port}` : ""}` : "refused frames and requests"),
+    fact("From other clients", fixed(strangers, 0), strangers ? `last: ${last}${port ? ` from TCP port ${port}` : ""}` : "frames and requests without the token, refused"),
   ];
 }
 
 /** Who has the rig: the run, if the rig names its connection, or where else the commands come from. */
 function who(lease, holder, run) {
   if (lease === null) return ["–"];
-  if (!lease) return ["nobody"];
+  if (!lease) return ["no client"];
   const port = holder ? `TCP port ${holder}` : "CAN, which does not identify the sender";
   if (run && (run.commands || !holder)) return [`the run ${run.plan}`, [run.operator && `operator ${run.operator}`, port].filter(Boolean).join(", ")];
-  return ["another program", holder ? `${port}; "ss -tnp" on this machine shows which` : port];
+  return ["another program", holder ? `${port}; the command "ss -tnp" on this machine shows the program` : port];
 }
 
 function fact(title, value, more = "") {
@@ -67,7 +67,7 @@ function rates(first, now) {
     const off = !message || (wanted && found !== null && !silent && Math.abs(found / wanted - 1) > OFF);
     return {
       mark: off ? "off" : seen ? "" : "none",
-      cells: [hex(id), message?.name ?? "unknown", message?.sender ?? "", fixed(found, 1), wanted ? fixed(wanted, 0) : message ? "on events" : "", fixed(now.counts[id] ?? 0, 0), now.gaps[id] ? `${fixed(1000 * now.gaps[id], 1)}\u2009ms` : ""],
+      cells: [hex(id), message?.name ?? "unknown", message?.sender ?? "", fixed(found, 1), wanted ? fixed(wanted, 0) : message ? "not periodic" : "", fixed(now.counts[id] ?? 0, 0), now.gaps[id] ? `${fixed(1000 * now.gaps[id], 1)}\u2009ms` : ""],
     };
   });
   const sum = [...known].reduce((all, id) => all + (now.counts[id] === undefined ? 0 : rate(id) ?? 0), 0);

@@ -12,8 +12,8 @@ export function show(element) {
   async function load() {
     const { found, error } = await asked("/api/diagnoses");
     if (error) return card.replaceChildren(make("p", { class: "wrong" }, error));
-    if (!found.length) return card.replaceChildren(make("p", { class: "said" }, "There is no diagnosis in this folder. `astb diagnose RUN --out FOLDER/NAME` makes one; `astb investigate` makes one on a rig."));
-    card.replaceChildren(table(["verdict", "diagnosis", "when", "found", "model"], found.map((one) => ({
+    if (!found.length) return card.replaceChildren(make("p", { class: "said" }, "There is no diagnosis in this folder. Write one from a run with `astb diagnose RUN --out FOLDER/NAME`, or on a rig with `astb investigate`."));
+    card.replaceChildren(table(["verdict", "diagnosis", "when", "result", "model"], found.map((one) => ({
       cells: [
         make("b", { class: `verdict-word ${one.verdict}` }, one.verdict.replaceAll("_", " ")),
         make("a", { href: `/kept/diagnosis?of=${encodeURIComponent(one.directory)}`, target: "_blank" }, name(one.directory)),

@@ -41,7 +41,7 @@ export function show(element, panel) {
     const list = on.map((one) =>
       make("p", { class: "fault on" }, make("b", {}, one.label), ` ${Object.entries(one.values).map(([name, value]) => `${name} ${value}`).join(", ")} `,
         button("Switch off", () => order("/api/faults/off", { name: one.label }))));
-    active.replaceChildren(make("h2", {}, "Faults that are on"), ...(list.length ? [...list, list.length > 1 ? button("Switch all off", () => order("/api/faults/off", { name: "all" })) : ""] : [make("p", { class: "said" }, "No fault is on.")]));
+    active.replaceChildren(make("h2", {}, "Active faults"), ...(list.length ? [...list, list.length > 1 ? button("Switch all off", () => order("/api/faults/off", { name: "all" })) : ""] : [make("p", { class: "said" }, "No fault is active.")]));
     buttons = buttons.filter((one) => one.isConnected);
     allow();
   }
@@ -60,12 +60,12 @@ export function show(element, panel) {
     });
     sensor?.addEventListener("change", chosen);
     chosen();
-    const lasting = make("input", { class: "lasting", placeholder: "until switched off", "aria-label": `${one.name} for`, title: "duration, such as 3 s" });
+    const lasting = make("input", { class: "lasting", placeholder: "until switched off", "aria-label": `${one.name} for`, title: "duration with unit, such as 3 s" });
     const go = () => order("/api/faults/on", { name: one.name, values: Object.fromEntries(inputs.filter((input) => input.value).map((input) => [input.name, input.value])), for: lasting.value });
     return make("details", { class: "fault", "data-fault": one.name },
       make("summary", {}, make("b", {}, one.name), ` ${one.title}`),
       make("p", { class: "said" }, `Symptoms: ${one.seen}`),
-      make("div", { class: "fields" }, ...inputs.map((input, k) => make("label", {}, one.parameters[k].name.replaceAll("_", " "), spans[k], input)), make("label", {}, "for", lasting)),
+      make("div", { class: "fields" }, ...inputs.map((input, k) => make("label", {}, one.parameters[k].name.replaceAll("_", " "), spans[k], input)), make("label", {}, "duration", lasting)),
       button("Switch on", go, "main"));
   }
 
@@ -79,7 +79,7 @@ export function show(element, panel) {
     const seat = panel.link.status?.access.seat;
     buttons.forEach((one) => {
       one.disabled = !seat;
-      one.title = seat ? "" : "only the page that commands may do this";
+      one.title = seat ? "" : "only the page that controls the rig may do this";
     });
   }
 

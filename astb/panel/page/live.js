@@ -4,7 +4,7 @@ import { fixed, make, plain } from "/page/format.js";
 import { picture } from "/page/picture.js";
 import { OverSignal, OverTime } from "/page/plots.js";
 import { runCard } from "/page/run.js";
-import { help } from "/page/words.js";
+import { help, LABELS } from "/page/words.js";
 
 const SPANS = [[10, "10 s"], [30, "30 s"], [120, "2 min"], [600, "10 min"], [3600, "1 h"]];
 const LOOPS = [
@@ -18,7 +18,7 @@ const ALARMS = ["estop", "pneumatic", "program", "limits", "fault"];
 /** What each contact says: off, on. */
 const CONTACTS = {
   estop: ["released", "pressed"], pneumatic: ["closed", "open"], program: ["closed", "open"], command: ["none", "received"],
-  limits: ["none tripped", "tripped"], fault: ["none", "latched"], staged: ["none", "waiting"],
+  limits: ["none tripped", "tripped"], fault: ["none", "stored"], staged: ["none", "not applied yet"],
 };
 const AT_REST = ["pneumatic", "program"]; // open while the bench rests, as they should be
 
@@ -37,7 +37,7 @@ export function show(element, panel) {
     make("div", { class: "live" },
       make("section", { class: "card readings", "aria-label": "readings" },
         ...readings.map((one) => one.element),
-        panel.about.assumed ? make("p", { class: "said" }, "Limits that the rig file does not state are assumed.") : null),
+        panel.about.assumed ? make("p", { class: "said" }, "The rig file does not state all limits. The other limits are assumed values.") : null),
       make("section", { class: "plots" }, drawing.element, ...charts.map((one) => one.element)),
       make("section", { class: "side" }, run.element, locks.element)),
   );
@@ -93,7 +93,7 @@ function margin({ low, high }, value) {
 function interlocks(contacts) {
   const items = Object.keys(contacts).map((name) => {
     const says = make("b");
-    return [name, make("li", {}, `${name.replace("interlock.", "").replace("estop", "emergency stop")}: `, says), says];
+    return [name, make("li", {}, `${LABELS[name.replace("interlock.", "")] ?? name}: `, says), says];
   });
   const first = make("p", { class: "first" });
   const { button, text } = help(...Object.keys(contacts).map((name) => name.replace("interlock.", "")));
@@ -106,10 +106,10 @@ function interlocks(contacts) {
         const short = name.replace("interlock.", "");
         const open = ALARMS.includes(short) && on;
         const rests = open && rig.at_rest && !broken && AT_REST.includes(short);
-        says.textContent = known ? CONTACTS[short][Number(on)] + (rests ? " at rest" : "") : "not known";
+        says.textContent = known ? CONTACTS[short][Number(on)] + (rests ? " at rest" : "") : "no data";
         item.className = !known || rests ? "" : open ? "alarm" : name === "interlock.command" ? (on ? "fine" : "") : name === "interlock.staged" ? "" : "fine";
       }
-      first.textContent = rig.first_out ? `First out: ${rig.first_out}` : "";
+      first.textContent = rig.first_out ? `First trip: ${rig.first_out}` : "";
     },
   };
 }

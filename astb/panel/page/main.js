@@ -18,7 +18,7 @@ const panel = { link, about: await fetched("/api/rig"), plans: await fetched("/a
 lacksStop = panel.about.lacks_stop;
 find("rig").textContent = panel.about.name;
 find("kind").textContent = panel.about.simulated ? "simulated rig" : panel.about.description || "real rig";
-document.getElementById("estop").title = "Orders the rig over its buses to take its safe position: the actuators hold, and the air is vented. It is not the emergency stop of the hardware.";
+document.getElementById("estop").title = "Commands the rig to its safe position: the actuators hold, and the air is vented. It does not replace the emergency stop button of the rig.";
 
 const views = panel.about.views.map(({ name, title }) => ({ name, title, button: make("button", { onclick: () => (location.hash = name) }, title) }));
 document.getElementById("views").append(...views.map((one) => one.button));
@@ -62,7 +62,7 @@ function tell() {
   state.className = `state ${fault ? "fault" : LIVE.includes(rig.state) ? "up" : ""}`;
   find("state").textContent = rig.state.replaceAll("_", " ");
   find("why").textContent = [rig.reason, fault && rig.first_out].filter(Boolean).join(", ");
-  const idle = lacksStop ? "none on this rig" : access.token ? "" : "not from this page";
+  const idle = lacksStop ? "not available on this rig" : access.token ? "" : "not allowed from this page";
   document.getElementById("estop").classList.toggle("watching", idle !== "");
   find("stops").textContent = idle || "by software";
   find("punctual").textContent = rig.late === null ? "" : `${rig.late} late ticks${rig.lease ? "" : ", no run on the rig"}`;
@@ -72,7 +72,7 @@ function tell() {
 
 function say(stale, status) {
   const since = link.heard && clock(link.heard);
-  const lost = stale ? (since ? `No data from the panel's server since ${since} (${duration((Date.now() - link.heard) / 1000)}); the page shows old values` : "The panel's server does not answer yet")
+  const lost = stale ? (since ? `No data from the panel's server since ${since} (${duration((Date.now() - link.heard) / 1000)}). The page shows old values.` : "The panel's server does not answer yet. If this stays, start `astb panel` again.")
     : status?.rig.link ? `No data from the rig: ${status.rig.link}` : "";
   const text = [window.astb.stopped, lost].filter(Boolean).join(" ");
   news.textContent = text;
@@ -85,7 +85,7 @@ function seat({ token, seat: mine, taken, pages }) {
   if (element.dataset.key === key) return;
   element.dataset.key = key;
   const others = pages > 1 ? `${pages} pages are open` : "";
-  if (mine) element.replaceChildren(make("b", {}, "This page commands"), others);
-  else if (!token) element.replaceChildren(make("b", {}, "This page watches"), others);
-  else element.replaceChildren(make("b", {}, "Another page commands"), make("button", { id: "take", onclick: () => link.order("/api/seat").catch(() => {}) }, "Take over"));
+  if (mine) element.replaceChildren(make("b", {}, "This page controls the rig"), others);
+  else if (!token) element.replaceChildren(make("b", {}, "This page only shows the rig"), others);
+  else element.replaceChildren(make("b", {}, "Another page controls the rig"), make("button", { id: "take", onclick: () => link.order("/api/seat").catch(() => {}) }, "Take over"));
 }

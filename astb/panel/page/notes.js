@@ -29,19 +29,19 @@ export function notes(panel, run, changed) {
   });
   load();
   return make("section", { class: "notes", "aria-label": "notes" }, make("h3", {}, "Notes"), list,
-    make("details", {}, make("summary", {}, "Add a note, a photo, a file"), text, make("div", { class: "filters" }, by, files, add), wrong,
-      make("p", { class: "said" }, "The note is kept with the run, with time and author. Recorded and signed files are not changed.")));
+    make("details", {}, make("summary", {}, "Add a note, a photo or a file"), text, make("div", { class: "filters" }, by, files, add), wrong,
+      make("p", { class: "said" }, "The note is stored with the run, with its time and author. Recorded and signed files do not change.")));
 
   async function load() {
     const { found, error } = await asked(`/api/kept/notes?run=${encodeURIComponent(run)}`);
     list.replaceChildren(...(found ?? []).map(shown));
     if (error) list.replaceChildren(make("p", { class: "wrong" }, error));
-    if (found && !found.length) list.replaceChildren(make("p", { class: "said" }, "none"));
+    if (found && !found.length) list.replaceChildren(make("p", { class: "said" }, "This run has no notes."));
   }
 
   function shown(one) {
     const address = `/kept/note?run=${encodeURIComponent(run)}&file=${encodeURIComponent(one.file)}`;
-    const file = !one.file ? "" : !one.intact ? make("p", { class: "wrong" }, `${one.file} is gone or was changed`)
+    const file = !one.file ? "" : !one.intact ? make("p", { class: "wrong" }, `${one.file} is missing or was changed after it was added`)
       : make("a", { href: address, target: "_blank" }, one.picture ? make("img", { src: address, alt: one.file, loading: "lazy" }) : one.file);
     return make("div", { class: "note" }, make("small", {}, [when(one.at), one.by].filter(Boolean).join(", ")), make("p", {}, one.text), file);
   }

@@ -4,7 +4,7 @@ import { make } from "/page/format.js";
 
 const FRAME = 90; // ms: ten pictures a second and a little more
 
-export const TIMES = [[1, "motion as it is"], [3, "motion × 3"], [10, "motion × 10"]];
+export const TIMES = [[1, "true motion"], [3, "motion × 3"], [10, "motion × 10"]];
 
 export function picture(panel) {
   const names = panel.about.signals.map((one) => one.name);
@@ -33,7 +33,7 @@ export function picture(panel) {
     });
     soon();
   });
-  const assumed = drawing.at.assumed.length ? make("p", { class: "said" }, "Unknown dimensions of the rig are drawn with the usual values.") : null;
+  const assumed = drawing.at.assumed.length ? make("p", { class: "said" }, "The rig file does not state all dimensions. The drawing uses usual values for the others.") : null;
   return {
     element: make("div", { class: "card picture", "aria-label": "the bench" }, make("div", { class: "bar" }, times), place, assumed),
     tell(now) {
@@ -53,7 +53,7 @@ export function magnified(drawing) {
     element: make("div", { class: "bar" }, select, said),
     said() {
       const { times } = drawing.now;
-      const text = times < drawing.times - 0.05 ? `limited by the space: × ${times.toFixed(1)}` : "";
+      const text = times < drawing.times - 0.05 ? `only × ${times.toFixed(1)}, because the drawing has no more space` : "";
       if (said.textContent !== text) said.textContent = text;
     },
   };

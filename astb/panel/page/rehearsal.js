@@ -3,7 +3,7 @@
 import { make } from "/page/format.js";
 import { asked, repeated } from "/page/tables.js";
 
-const KINDS = [["effect", "an effect begins", "leak.left=0.5mm2"], ["fault", "a fault begins", "leak side=left area=0.5mm2"], ["change", "a parameter changes", "orifice_diameter=12mm"]];
+const KINDS = [["effect", "add an effect", "leak.left=0.5mm2"], ["fault", "add a fault", "leak side=left area=0.5mm2"], ["change", "change a parameter", "orifice_diameter=12mm"]];
 
 /** Tells in `place` how the rehearsal stands until it has ended. Returns what leaves it alone. */
 export function followed(place) {
@@ -12,7 +12,7 @@ export function followed(place) {
     if (!found) return;
     if (!found.going) leave();
     if (!found.plan) return;
-    const page = found.page && make("a", { href: `/kept/rehearsal?of=${encodeURIComponent(found.page)}`, target: "_blank" }, "Page of the rehearsal");
+    const page = found.page && make("a", { href: `/kept/rehearsal?of=${encodeURIComponent(found.page)}`, target: "_blank" }, "Open the rehearsal page");
     const parted = found.otherwise?.length ? make("ul", { class: "meanings" }, ...found.otherwise.map((one) => make("li", {}, one))) : "";
     place.replaceChildren(make("b", {}, `${found.plan}: `), found.going ? "is being rehearsed …" : found.words, " ", page || "", parted);
   }, 1000);
@@ -46,7 +46,7 @@ export function goingOn(panel, run, at) {
     moved(now) {
       go.textContent = `Rehearse from ${now.toFixed(1)} s`;
       go.disabled = !panel.link.status?.access.seat;
-      go.title = go.disabled ? "only the page that commands may do this" : "The run is repeated in virtual time up to this time, and continues with the change";
+      go.title = go.disabled ? "only the page that controls the rig may do this" : "Repeats the run in virtual time up to this time, then continues with the change";
       report.setAttribute("href", `/kept/report?run=${encodeURIComponent(run.directory)}#t=${now.toFixed(1)}`);
     },
   };

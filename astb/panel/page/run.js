@@ -47,16 +47,16 @@ function told({ last, stopped }) {
 
 /** What became of a STOP: who, when, and since when the springs are empty. */
 function ended({ by, at, how, empty }) {
-  const air = empty === null ? "the springs still hold air, which is being vented" : `springs empty at ${clock(empty)}`;
-  return [make("p", { class: `stopped ${empty === null ? "wrong" : ""}` }, `Stopped by ${by} at ${clock(at)}; ${air}.`), make("p", { class: "said" }, how)];
+  const air = empty === null ? "the springs still hold air and are being vented" : `springs empty at ${clock(empty)}`;
+  return [make("p", { class: `stopped ${empty === null ? "wrong" : ""}` }, `Stopped by ${by} at ${clock(at)}. ${air[0].toUpperCase()}${air.slice(1)}.`), make("p", { class: "said" }, how)];
 }
 
 /** The result of the model that runs in parallel: deviations, or the share of the run that was compared. */
 function besides(twin) {
   if (!twin) return [];
   if (twin.partings.length) return [make("ul", { class: "failed" }, ...twin.partings.map((one) => make("li", {}, one)))];
-  const why = twin.why ? `; not judged now: ${twin.why}` : "";
-  return [make("p", { class: "said" }, `Agreed with its model for ${duration(twin.judged)} of ${duration(twin.until)}${why}`)];
+  const why = twin.why ? `. Not compared now: ${twin.why}` : "";
+  return [make("p", { class: "said" }, `No deviation from the model in ${duration(twin.judged)} of ${duration(twin.until)}${why}`)];
 }
 
 /** The checks that failed, by name, value and limits; afterwards with what they are for. */
@@ -91,7 +91,7 @@ function running(order) {
       hold.disabled = !seat || !run;
       stop.disabled = !seat || ending;
       if (!run) {
-        title.textContent = starting ? "Starting …" : ending ? "Ending …" : "Between two plans";
+        title.textContent = starting ? "Starting …" : ending ? "Ending …" : "The next plan starts soon";
         [step, times, checks, failed, beside, said, why].forEach((one) => (one.textContent = ""));
         question.hidden = hold.hidden = true;
         bar.removeAttribute("value");
@@ -104,16 +104,16 @@ function running(order) {
       title.textContent = run.plan;
       step.replaceChildren(make("b", {}, run.step.join(" › ") || "–"), run.next ? `, then ${run.next}` : "");
       bar.value = run.fraction;
-      times.textContent = `${duration(run.time)}${run.left === null ? "" : `, ${duration(run.left)} to go`}`;
-      checks.textContent = [...Object.entries(run.checks).map(([verdict, count]) => `${count} ${verdict}`)].join(", ") + (run.last_check ? `; last: ${run.last_check}` : "");
+      times.textContent = `${duration(run.time)} since the start${run.left === null ? "" : `, about ${duration(run.left)} left`}`;
+      checks.textContent = [...Object.entries(run.checks).map(([verdict, count]) => `${count} ${verdict}`)].join(", ") + (run.last_check ? `. Last check: ${run.last_check}` : "");
       const names = JSON.stringify(run.failed);
       if (failed.dataset.names !== names) {
         failed.dataset.names = names;
         failed.replaceChildren(failures(run.failed) ?? "");
       }
       beside.replaceChildren(...besides(run.twin));
-      said.textContent = run.held ? `Held ${run.held}` : held ? "The run will be held at its next hold point. If there is none, it continues to its end" : run.question ? "" : run.said;
-      hold.textContent = held ? "Go on" : "Hold";
+      said.textContent = run.held ? `Held ${run.held}` : held ? "The run will be held at its next hold point. Without a further hold point, it runs to its end." : run.question ? "" : run.said;
+      hold.textContent = held ? "Continue" : "Hold";
       if (question.dataset.text !== run.question) {
         const to = run.question;
         question.dataset.text = to;

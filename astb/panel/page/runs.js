@@ -51,7 +51,7 @@ export function show(element, panel) {
     const shown = runs.filter((run) => Object.entries(filters).every(([column, one]) => !one.value || run[column] === one.value)
       && run.directory.startsWith(ARCHIVE) === archived.checked && words.every((word) => told_of(run).includes(word)));
     for (const one of marked) if (!shown.some((run) => run.directory === one)) marked.delete(one);
-    list.replaceChildren(table(["compare", "verdict", "run", "when", "plan", "specimen", "took"], shown.map(row)));
+    list.replaceChildren(table(["compare", "verdict", "run", "when", "plan", "specimen", "duration"], shown.map(row)));
     pair();
   }
 
@@ -87,7 +87,7 @@ export function show(element, panel) {
     const two = marked.size === 2;
     compare.setAttribute("aria-disabled", String(!two));
     two ? compare.setAttribute("href", `/kept/compare?a=${encodeURIComponent(a)}&b=${encodeURIComponent(b)}`) : compare.removeAttribute("href");
-    compare.textContent = two ? "Compare these two" : "Mark two to compare";
+    compare.textContent = two ? "Compare these two" : "Mark two runs to compare";
   }
 
   /** What gives a run another name, or puts it aside; nothing in its folder is touched. */
@@ -127,12 +127,12 @@ export function show(element, panel) {
 
   /** One page with the trends of all checks that are marked. */
   function trends(run, places) {
-    const link = make("a", { class: "button", target: "_blank", "aria-disabled": "true" }, "Mark checks for their trends");
+    const link = make("a", { class: "button", target: "_blank", "aria-disabled": "true" }, "Mark checks to show their trends");
     const tell = () => {
       const some = [...places].sort((a, b) => a - b).slice(0, TRENDS);
       link.setAttribute("aria-disabled", String(!some.length));
       some.length ? link.setAttribute("href", trend(run, some)) : link.removeAttribute("href");
-      link.textContent = some.length ? `Trends of ${some.length} ${some.length > 1 ? "checks" : "check"}` : "Mark checks for their trends";
+      link.textContent = some.length ? `Trends of ${some.length} ${some.length > 1 ? "checks" : "check"}` : "Mark checks to show their trends";
     };
     const mark = (place) => make("input", { type: "checkbox", "aria-label": `trend of check ${place + 1}`, onchange: (event) => {
       event.target.checked ? places.add(place) : places.delete(place);

@@ -14,7 +14,7 @@ export function show(element, panel) {
   element.append(
     make("div", { class: "view" },
       make("section", { class: "card" }, make("h2", {}, "Add a file"),
-        make("p", { class: "said" }, "A specimen is a TOML file with drawing, loads and limits; `astb copy specimen astb mine.toml` writes an example. The panel checks the file, and keeps it beside the runs."),
+        make("p", { class: "said" }, "A specimen is a TOML file with drawing, loads and limits. `astb copy specimen astb mine.toml` writes an example. The panel checks the file and stores it with the runs."),
         make("div", { class: "filters" }, file, instead), wrong, said),
       make("section", { class: "card", "aria-label": "specimens" }, list), facts));
   file.addEventListener("change", async () => {
@@ -34,7 +34,7 @@ export function show(element, panel) {
     instead.hidden = true;
     try {
       const added = await panel.link.order("/api/specimens/add", { ...brought, instead: replace });
-      said.textContent = `${added} is valid, and can be chosen for a run.`;
+      said.textContent = `${added} is valid. You can choose it for a run now.`;
       await load();
       await told(added);
     } catch (error) {
@@ -59,7 +59,7 @@ export function show(element, panel) {
     facts.hidden = false;
     if (error) return facts.replaceChildren(make("p", { class: "wrong" }, error));
     facts.replaceChildren(make("h2", { class: "title" }, found.name), make("p", { class: "said" }, found.error || `${found.type}, no. ${found.serial_number}, ${found.drawing}`),
-      table(["what", "value or limits", "provenance", "source"], found.rows.map((row) => ({ cells: [row.name, row.says, row.provenance, row.source] }))));
+      table(["property", "value or limits", "kind of source", "source"], found.rows.map((row) => ({ cells: [row.name, row.says, row.provenance, row.source] }))));
     facts.scrollIntoView({ block: "nearest" });
   }
 }

@@ -12,11 +12,11 @@ export function starting(panel, order, told) {
   const instruction = make("p", { class: "instruction" });
   const checked = make("dl", { class: "meanings" });
   const unusable = make("p", { class: "said warning", id: "unusable" });
-  const why = make("details", {}, make("summary", {}, "What it checks, and why"), checked);
+  const why = make("details", {}, make("summary", {}, "Checks and their purpose"), checked);
   const fields = make("div");
   const specimen = make("select", { "aria-label": "specimen" });
   const twin = make("input", { type: "checkbox", id: "twin" });
-  const [operator, ambient] = [remembered("operator", "who runs it"), remembered("ambient", "such as 21 °C, 1013 hPa")];
+  const [operator, ambient] = [remembered("operator", "name"), remembered("ambient", "such as 21 °C, 1013 hPa")];
   const begin = make("button", { class: "main", id: "start" }, "Start");
   const rehearse = make("button", { id: "rehearse", title: "Runs the plan in virtual time, without the rig, and shows the margin to each limit" }, "Rehearse");
   const rehearsed = make("p", { class: "said", id: "rehearsed" });
@@ -24,19 +24,19 @@ export function starting(panel, order, told) {
   const vent = make("button", {}, "Vent springs");
   const last = make("div", { id: "last" });
   const lacks = panel.about?.lacks_stop ?? "";
-  const stopless = make("p", { class: "wrong" }, lacks && `No run can start on a rig that cannot be stopped: ${lacks}.`);
+  const stopless = make("p", { class: "wrong" }, lacks && `No run can start, because the panel cannot stop this rig: ${lacks}.`);
   const { button, text } = help("AW0", "AW3", "specimen", "hold");
 
   function offer(found) {
     const chosen = choice.value || "aw0";
     plans = new Map(found.plans.map((one) => [one.name, one]));
     const group = (label, judges) => make("optgroup", { label }, ...found.plans.filter((one) => one.judges === judges).map((one) => make("option", { value: one.name, title: one.title }, one.name)));
-    choice.replaceChildren(group("Plans that judge", true), group("Programmes for a diagnosis", false));
+    choice.replaceChildren(group("Plans that judge a spring", true), group("Plans that record data for a diagnosis", false));
     if (plans.has(chosen)) choice.value = chosen;
-    unusable.textContent = found.unusable.length ? `Cannot be used: ${found.unusable.join("; ")}` : "";
+    unusable.textContent = found.unusable.length ? `Plans with errors, which cannot run: ${found.unusable.join("; ")}` : "";
     unusable.hidden = !found.unusable.length;
     const now = specimen.value;
-    specimen.replaceChildren(make("option", { value: "" }, "the bench's own"), ...found.specimens.map((one) => make("option", { value: one }, one)));
+    specimen.replaceChildren(make("option", { value: "" }, "the spring of the rig file"), ...found.specimens.map((one) => make("option", { value: one }, one)));
     specimen.value = found.specimens.includes(now) ? now : "";
     tellAbout();
   }
@@ -91,8 +91,8 @@ export function starting(panel, order, told) {
   return {
     element: make("div", {}, last, make("h2", {}, "Run a plan", button), text, unusable, choice, about, make("details", {}, make("summary", {}, "Instruction"), instruction), why, fields,
       make("label", {}, "specimen"), specimen,
-      make("div", { class: "pair" }, make("label", {}, "operator", operator), make("label", {}, "surroundings", ambient)),
-      make("label", { class: "check", title: "The model runs in parallel with the rig. It reports deviations, their start and their possible causes." }, twin, " watched by its model"),
+      make("div", { class: "pair" }, make("label", {}, "operator", operator), make("label", {}, "ambient conditions", ambient)),
+      make("label", { class: "check", title: "A model runs in parallel with the rig. The panel shows deviations, their start and their possible causes." }, twin, " compare with the model"),
       make("div", { class: "buttons" }, begin, rehearse), stopless, rehearsed, make("div", { class: "buttons" }, reset, vent)),
     tell(rig, runs, access) {
       const lost = rig.link !== "";

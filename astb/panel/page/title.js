@@ -1,8 +1,8 @@
-/** What the tab of the browser says, for whoever has another one open: what waits for him first, then how far a run is. */
+/** Title of the browser tab: first what needs an action, then the progress of a run. */
 export function tabTitle({ rig, runs }, stale, fault, name) {
   const { run } = rig;
-  const told = stale || rig.link ? "⚠ not heard"
-    : run?.question ? `❓ ${run.plan} asks`
+  const told = stale || rig.link ? "⚠ no data"
+    : run?.question ? `❓ ${run.plan}: answer needed`
     : fault ? `⚠ ${rig.state.replaceAll("_", " ")}`
     : run?.held ? `⏸ ${run.plan} is held`
     : run ? `${Math.floor(100 * run.fraction)} % ${run.plan}`

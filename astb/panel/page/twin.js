@@ -5,7 +5,7 @@ import { Banded } from "/page/plots.js";
 import { asked, choice, name, repeated, table } from "/page/tables.js";
 
 const AGAIN = 1000; // ms until it is looked at anew
-const NONE = "No run in this folder was compared with its model. Tick “watched by its model” before a run is started, or use `astb run PLAN --watch`, `astb watch RUN`.";
+const NONE = "No run in this folder was compared with its model. To compare the next run, tick “compare with the model” before the start. To compare a recorded run, use `astb watch RUN`.";
 const WORDS = { true: ["along", "agreed"], false: ["parted", "deviated"], null: ["blind", "not judged"] };
 const COURSE = { told: "detected", surer: "narrowed down", otherwise: "changed" };
 const FORMS = { "at once": "sudden", growing: "grows", "gone again": "temporary" };
@@ -39,11 +39,11 @@ export function show(element) {
 function told({ run, story }) {
   const partings = [...story.partings].reverse();
   const parted = partings.find((one) => one.lasts);
-  const word = parted ? `Deviates from its model since ${at(parted.since)}` : story.judged_for ? "Agrees with its model" : "No part of the run could be judged yet";
+  const word = parted ? `Deviates from its model since ${at(parted.since)}` : story.judged_for ? "Agrees with its model" : "No part of the run could be compared with the model yet";
   const where = parted ? `in ${parted.channel}` : "";
   const head = make("section", { class: "card" },
     make("div", { class: `verdict-twin ${parted ? "parted" : story.judged_for ? "along" : "blind"}` }, word, where ? make("small", {}, ` ${where}`) : null),
-    make("p", { class: "said" }, `${name(run)}, judged for ${duration(story.judged_for)} of ${duration(story.until)}, by the model “${story.model}”`),
+    make("p", { class: "said" }, `${name(run)}: compared for ${duration(story.judged_for)} of ${duration(story.until)} with the model “${story.model}”`),
     stretches(story), legend());
   const blind = [...new Set(story.judged.filter((one) => one.along === null && one.why).map((one) => one.why))];
   const why = blind.length ? [make("section", { class: "card" }, make("h2", {}, "Why parts of the run were not judged"), make("ul", { class: "meanings" }, ...blind.map((one) => make("li", {}, one))))] : [];
@@ -75,7 +75,7 @@ class Lately {
   arrange(minute) {
     for (const { plot } of this.plots.values()) plot.close();
     this.plots.clear();
-    this.element.replaceChildren(...(minute ? [make("p", { class: "said" }, "Means over half a second, measured (line) and expected (dashed, k = 2 shaded), over the last minute that could be judged, in s of the run.")] : []));
+    this.element.replaceChildren(...(minute ? [make("p", { class: "said" }, "Last minute that could be judged; time of the run in s. Line: measured mean over 0.5 s. Dashed line: value of the model. Shaded: its uncertainty (k = 2).")] : []));
     for (const one of minute?.channels ?? []) {
       const [head, area] = [make("div", { class: "head" }), make("div", { class: "area" })];
       const card = make("div", { class: "card", "aria-label": one.label }, head, area);
@@ -96,7 +96,7 @@ function stretches({ judged, partings, until }) {
     return since ? [{ ...one, along: true, end: since }, { ...one, start: since }] : [one];
   });
   const parts = cut.map((one) => make("i", { class: WORDS[one.along][0], style: `left:${share(one.start, until)};width:${share(one.end - one.start, until)}`, title: `${at(one.start)} to ${at(one.end)}: ${one.why || WORDS[one.along][1]}` }));
-  const marks = partings.map((one) => make("b", { style: `left:${share(one.since, until)}`, title: `since ${at(one.since)}, detected at ${at(one.told)}` }));
+  const marks = partings.map((one) => make("b", { style: `left:${share(one.since, until)}`, title: `deviation since ${at(one.since)}, detected at ${at(one.told)}` }));
   return make("div", { class: "strip", role: "img", "aria-label": cut.map((one) => `${at(one.start)} to ${at(one.end)} ${WORDS[one.along][1]}`).join("; ") }, ...parts, ...marks);
 }
 
@@ -106,13 +106,13 @@ function legend() {
 
 /** How far a reading is from the model, in expanded uncertainties (k = 2). */
 function beyond(bands) {
-  return Math.abs(bands) > 1 ? `${fixed(Math.abs(bands), 1)} × uncertainty ${bands > 0 ? "above" : "below"}` : "within uncertainty";
+  return Math.abs(bands) > 1 ? `${fixed(Math.abs(bands), 1)} × uncertainty ${bands > 0 ? "above" : "below"} the model` : "within uncertainty";
 }
 
 function parting(one, parts) {
   const bands = (one.measured - one.expected) / one.band;
   const causes = [...one.causes.map((cause) => [cause]), ...one.pairs];
-  const state = one.withdrawn ? "withdrawn" : one.over !== null ? `over since ${at(one.over)}` : "continues";
+  const state = one.withdrawn ? "withdrawn" : one.over !== null ? `ended at ${at(one.over)}` : "continues";
   const began = one.earliest === null ? at(one.since) : `${at(one.since)} (${fixed(one.earliest, 1)} to ${fixed(one.latest, 1)})`;
   return make("section", { class: "card parting" },
     make("h2", { class: "title" }, one.channel, make("small", { class: one.lasts ? "parted" : "" }, ` ${state}`)),
@@ -120,9 +120,9 @@ function parting(one, parts) {
     make("div", { class: "facts" }, fact("measured", one.measured, one.unit), fact("expected", one.expected, one.unit, ` ± ${short(one.band)}`), make("div", { class: "fact" }, make("small", {}, "difference"), make("b", {}, beyond(bands))), make("div", { class: "fact" }, make("small", {}, "since"), make("b", {}, began))),
     residual(bands),
     causes.length
-      ? table(["possible cause", "size (k = 2)", "course", "since"], causes.map((some) => ({ cells: [lines(some, (c) => c.title), lines(some, (c) => c.shown), lines(some, (c) => FORMS[c.form] ?? c.form), lines(some, (c) => (c.since === null ? "before the comparison began" : some.length === 1 && c.form === "at once" ? at(one.since) : at(c.since) + (c.until === null ? "" : ` to ${at(c.until)}`)))] })))
-      : make("p", { class: "said" }, "No cause of the catalogue explains it."),
-    one.course.length ? make("p", { class: "said" }, "Course: ", one.course.map((said) => `${COURSE[said.word] ?? said.word} at ${at(said.at)}${said.causes.length ? ` (${said.causes.map((c) => c.shown ? `${c.name} ${c.shown}` : c.name).join(" or ")})` : ""}`).join("; ")) : null);
+      ? table(["possible cause", "size (k = 2)", "over time", "since"], causes.map((some) => ({ cells: [lines(some, (c) => c.title), lines(some, (c) => c.shown), lines(some, (c) => FORMS[c.form] ?? c.form), lines(some, (c) => (c.since === null ? "before the comparison began" : some.length === 1 && c.form === "at once" ? at(one.since) : at(c.since) + (c.until === null ? "" : ` to ${at(c.until)}`)))] })))
+      : make("p", { class: "said" }, "No known cause explains the deviation. Run `astb run screening`, then `astb diagnose`."),
+    one.course.length ? make("p", { class: "said" }, "History: ", one.course.map((said) => `${COURSE[said.word] ?? said.word} at ${at(said.at)}${said.causes.length ? ` (${said.causes.map((c) => c.shown ? `${c.name} ${c.shown}` : c.name).join(" or ")})` : ""}`).join("; ")) : null);
 }
 
 const short = (value) => String(Number(value.toPrecision(2)));
