@@ -234,7 +234,7 @@ def test_the_command_keeps_what_pandas_reads_as_the_page_says(tmp_path):
     again = subprocess.run(
         command, cwd=tmp_path, capture_output=True, text=True, timeout=110, check=True
     ).stdout
-    assert again.startswith("2 of 2 cases are kept already")
+    assert again.startswith("2 of 2 cases have results from earlier")
     assert {row["variant"]: row["verdict"] for row in read_rows(tmp_path / "runs/orifices")} == {
         "as drawn": "pass",
         "leak": "fail",
