@@ -102,7 +102,12 @@ def test_a_run_is_watched_by_its_model(commander, picture):
     commander.check("#twin")
     start(commander)
     # While the bench moves to its pose, the model says why it cannot judge; at the question it may judge again.
-    until(commander, "#beside", r"Agreed with its model for .*of \d.*not judged now: (the|a|it) ", within=90)
+    until(
+        commander,
+        "#beside",
+        r"No deviation from the model in .*of \d.*Not compared now: (the|a|it) ",
+        within=90,
+    )
     until(commander, "#question", "Has the bolster moved", within=90)
     picture(commander, "watched")
 
@@ -291,7 +296,7 @@ def test_the_views_show_past_runs_and_diagnoses_faults_and_the_bus(open_page, be
     viewer.click("#views >> text=Faults")
     assert not viewer.locator("text=Switch off").first.is_enabled(), "an observer repairs nothing"
     page.click("text=Switch off")
-    until(page, "section[aria-label='faults that are on']", "No fault is on")
+    until(page, "section[aria-label='faults that are on']", "No fault is active")
     page.click("[data-fault=bias] summary")
     page.select_option("select[aria-label='bias sensor']", "right.height")
     assert page.get_attribute("input[aria-label='bias value']", "placeholder") == "-600 to 600 mm"
@@ -299,7 +304,7 @@ def test_the_views_show_past_runs_and_diagnoses_faults_and_the_bus(open_page, be
     page.click("[data-fault=bias] >> text=Switch on")
     until(page, "section[aria-label='faults that are on']", "bias.right.height")
     page.click("text=Switch off")
-    until(page, "section[aria-label='faults that are on']", "No fault is on")
+    until(page, "section[aria-label='faults that are on']", "No fault is active")
 
     page.click("#views >> text=Bus")
     until(page, "section[aria-label=rig]", "Rig controlled by")

@@ -48,7 +48,7 @@ function told({ last, stopped }) {
 /** What became of a STOP: who, when, and since when the springs are empty. */
 function ended({ by, at, how, empty }) {
   const air = empty === null ? "the springs still hold air and are being vented" : `springs empty at ${clock(empty)}`;
-  return [make("p", { class: `stopped ${empty === null ? "wrong" : ""}` }, `Stopped by ${by} at ${clock(at)}. ${air[0].toUpperCase()}${air.slice(1)}.`), make("p", { class: "said" }, how)];
+  return [make("p", { class: `stopped ${empty === null ? "wrong" : ""}` }, `Stopped by ${by} at ${clock(at)}; ${air}.`), make("p", { class: "said" }, how)];
 }
 
 /** The result of the model that runs in parallel: deviations, or the share of the run that was compared. */
