@@ -82,7 +82,7 @@ def test_a_run_is_started_watched_held_answered_and_passes(commander, open_page,
 
     until(viewer, "#question", "Has the bolster moved")
     assert viewer.locator("#question button:enabled").count() == 0, "who only watches answers nothing"
-    assert "watches" in text_of(viewer, "#seat")
+    assert "only shows" in text_of(viewer, "#seat")
     picture(commander, "question")
     commander.click("#hold")
     commander.click("#question button >> text=yes")
