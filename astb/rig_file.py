@@ -90,7 +90,7 @@ class RigFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 def rigs() -> dict[str, Path]:
-    """Return the named rigs: those of the software, overridden by those in the folder ``rigs`` here."""
+    """Return the named rigs: those of the software, overridden by those in ``rigs`` in the current directory."""
     single = {path.stem: path for path in sorted(Path(PACKAGE).glob("*.toml"))}
     here = {path.parent.name: path for path in sorted(Path(PACKAGE).glob(f"*/{RIG}"))}
     return named_files(PACKAGE) | single | here

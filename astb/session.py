@@ -130,8 +130,9 @@ def planned_faults(simulation: Simulation) -> "list[PlannedFault]":
 
 
 def bus_stages(rig: "Rig", simulation: Simulation) -> list["Stage"]:
-    """Return the stages on the CAN bus of ``rig``: its pace, if one is requested. Raises ValueError if it is
-    impossible.
+    """Return the stages on the CAN bus of ``rig``: a limit of the bit rate, if one is requested.
+
+    Raises ValueError for an invalid bit rate.
     """
     from bench_sim.rig.pace import Pace, read_bit_rate
 

@@ -283,7 +283,7 @@ def _line(text: bytes) -> Command | tuple[type[Received] | type[Sent], bytes]:
 
 def _received_record(arguments: list[bytes], text: bytes) -> bytes:
     if len(arguments) < 2:
-        raise _LineError(f"'<{_shown(text)}>' lacks an identifier and a time stamp")
+        raise _LineError(f"'<{_shown(text)}>' is incomplete; it needs an identifier, a time stamp and data")
     identifier, extended = _identifier(arguments[0])
     stamp = re.fullmatch(rb"(\d{1,10})(?:\.(\d*))?", arguments[1])
     if not stamp:
@@ -304,7 +304,7 @@ def _received_record(arguments: list[bytes], text: bytes) -> bytes:
 
 def _sent_record(arguments: list[bytes], text: bytes) -> bytes:
     if len(arguments) < 2:
-        raise _LineError(f"'<{_shown(text)}>' lacks an identifier and a length")
+        raise _LineError(f"'<{_shown(text)}>' is incomplete; it needs an identifier, a length and data")
     identifier, extended = _identifier(arguments[0])
     if not re.fullmatch(rb"\d{1,4}", arguments[1]):
         raise _LineError(f"length '{_shown(arguments[1])}' is not a decimal number from 0 to 8")

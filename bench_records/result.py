@@ -249,7 +249,8 @@ def _refuse_a_value(one: Check) -> None:
 def _refuse_a_bad_uncertainty(one: Check) -> None:
     if one.u is None or not (0.0 <= one.even <= one.u * (1 + 1e-9) < math.inf):
         raise ValueError(
-            f"check {one.name!r}: uncertainty u = {one.u}, its even part {one.even}; u must be finite, its part 0 to u"
+            f"check {one.name!r}: uncertainty u = {one.u}, its uniformly distributed part even = {one.even}; give a "
+            "finite u, and even from 0 to u"
         )
 
 

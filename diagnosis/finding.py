@@ -79,7 +79,7 @@ class Cause(msgspec.Struct, frozen=True, kw_only=True):
 class Rival(msgspec.Struct, frozen=True, kw_only=True):
     """An effect that explains the data as well as a cause: BIC of the rival minus that of the cause, below 10.
 
-    The gap may be larger if the error is above the noise and the rival predicts unseen runs as well.
+    The difference may exceed 10 if the model error exceeds the noise and the rival predicts unseen runs equally well.
     """
 
     effect: str

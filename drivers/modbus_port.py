@@ -99,7 +99,8 @@ class ModbusPort:
         data = b"".join(one.record_data for one in getattr(reply, "records", ()))
         if len(data) != 2 * count:
             raise LinkLost(
-                f"{what} failed: the device answered {len(data)} bytes instead of {2 * count}; check its unit"
+                f"{what} failed: the device answered {len(data)} bytes instead of {2 * count}; check the"
+                " Modbus unit number of the device"
             )
         return list(struct.unpack(f">{count}H", data))
 
@@ -156,7 +157,10 @@ class ModbusPort:
             what, lambda: ask(read_code=_EXTENDED_ACCESS, object_id=start, device_id=self._unit)
         )
         if not isinstance(reply, ReadDeviceInformationResponse):
-            raise LinkLost(f"{what} failed: the device answered with another function; check its unit")
+            raise LinkLost(
+                f"{what} failed: the device answered with another function code; check the Modbus unit number of "
+                "the device"
+            )
         return dict(reply.information), reply.next_object_id if reply.more_follows else None
 
     def close(self) -> None:

@@ -147,7 +147,10 @@ class QuestionBox:
             if self._question is None or self._answer is not None:
                 raise ValueError(f"{by} answers {text!r}, but no question is open")
             if to and to != self._question.text:
-                raise ValueError(f"{by} answers {to!r}, but the present question is {self._question.text!r}")
+                raise ValueError(
+                    f"{by} answers the question {to!r}, but the present question is {self._question.text!r}; answer "
+                    "that one"
+                )
             self._answer = Answer(_allowed(self._question, text), by)
 
     def ask(self, question: Question) -> None:

@@ -99,7 +99,9 @@ class Door:
                 return {"done": do, "bench": live is not None}
             case "answer":
                 if self._box is None:
-                    raise ValueError("this run receives its answers from another source; answer there")
+                    raise ValueError(
+                        "this run takes no answers from here; start it with an operator who answers in the panel"
+                    )
                 self._box.reply(order.get("text", ""), by, order.get("to", ""))
             case _:
                 raise ValueError(f"{do!r} is not a known order; use look, hold, resume, stop, safe or answer")

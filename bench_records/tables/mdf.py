@@ -130,7 +130,7 @@ def samples(
     account: Account,
     texts: Mapping[str, int] | None = None,
 ) -> tuple[Numbers, Numbers, str]:
-    """Return times (n,), values (n,) and unit of a channel; ``texts`` gives the numbers of words.
+    """Return times (n,), values (n,) and unit of a channel; ``texts`` gives the number for each text value.
 
     Raises RecordError, with file and group, if a value is not a number, or if the clock is not a time.
     """

@@ -67,8 +67,8 @@ def _refuse_segments(path: Path, lines: Sequence[str]) -> None:
     ends = [number for number, line in enumerate(lines, 1) if line.startswith("***End_of_Header***")]
     if len(ends) > 2:  # the first one is that of the file
         raise RecordError(
-            f"{path}: a second segment begins before line {ends[2]} (***End_of_Header***); only one clock and one "
-            "head can be read: split the file there"
+            f"{path}: line {ends[2]} ends the head of a second segment (***End_of_Header***), but only one segment can "
+            "be read; split the file before this head"
         )
 
 

@@ -328,7 +328,7 @@ def replay(
     """
     if not 0.0 < step <= STEP:
         raise ValueError(
-            f"step = {step * 1e3:g} ms is outside 0 to {STEP * 1e3:g} ms, where a replay is stable"
+            f"step = {step * 1e3:g} ms is not stable; use more than 0 and at most {STEP * 1e3:g} ms"
         )
     n = len(motion.displacement)
     if inputs.shape != (n, INPUTS) or supply.shape != (n,):

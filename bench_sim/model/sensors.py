@@ -128,9 +128,9 @@ def curves(mem: Any) -> tuple[float, float]:
 
 @compiled
 def lagged(mem: Any, k: int, value: float, bends: float, twists: float) -> float:
-    """y_n = e y_{n−1} + (1 − g) s_n + (g − e) s_{n−1} + b Δ²s_n + c Δ³s_n, by `prepare_lags`.
+    """y_n = e y_{n−1} + (1 − g) s_n + (g − e) s_{n−1} + ``bends`` b Δ²s_n + ``twists`` c Δ³s_n, by `prepare_lags`.
 
-    ``bends`` and ``twists`` are those of `curves`, computed once for all sensors.
+    ``bends`` and ``twists`` are the weights (0 or 1) from `curves`, computed once for all sensors.
     """
     decay = mem.lag_decay[k]
     ramp = mem.lag_ramp[k]

@@ -60,8 +60,9 @@ def choose(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Tri
 
 
 def _richer_instead(problem: Problem, state: SearchState, chosen: Trial) -> list[Trial]:
-    """Return trials with a richer relative in place of an accepted effect, unless ``chosen`` with that effect is
-    clearly better.
+    """Return trials in which a more general effect (`richer_members`) replaces an accepted one.
+
+    Those that are clearly worse than ``chosen``, which keeps the accepted effect, are left out.
     """
     current, config = state.current, problem.config
     singles: list[Trial] = []

@@ -89,7 +89,7 @@ def candidates(effects: Sequence[Hypothesis]) -> tuple[Candidate, ...]:
 
 
 def footprints(replay: Replay, point: Point, tried: Sequence[Candidate]) -> Footprints:
-    """Simulate the footprints of the numbers of a model and of the candidates around a point."""
+    """Simulate the footprints of the parameters of a model and of the candidates, around a point."""
     predictions = replay.predictions(point)
     steps = [neighbour(candidate.added_to(point), len(point.numbers)) for candidate in tried]
     base = replay.base(point, predictions, [len(steps)] * len(replay.runs))

@@ -93,8 +93,8 @@ def _distance(first: FittedModel, second: FittedModel, runs: Mapping[FittedModel
 
 
 def _forecasts(runs: Mapping[FittedModel, MeasuredRun]) -> dict[FittedModel, _Forecast]:
-    """Return the prediction of each model for its run. Models with the same noise share the columns of their
-    nuisances.
+    """Return the prediction of each model for its run. Models with the same noise share one linearisation
+    in the base parameters.
     """
     forecasts: dict[FittedModel, _Forecast] = {}
     for model, run in runs.items():

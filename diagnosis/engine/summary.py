@@ -152,7 +152,7 @@ def _claimed(one: Cause) -> str:
 
 
 def _imitated(imitations: Sequence[Imitation], *, many: bool) -> str:
-    """Return the distance of the base model from its prior without the causes, as sentences."""
+    """Return sentences: the value that a base parameter would need without the causes, and its expected value."""
     if not imitations:
         return ""
     one = imitations[0]

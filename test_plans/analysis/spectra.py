@@ -72,11 +72,10 @@ def spectra(
     """
     from scipy.signal import detrend, get_window
 
-    if x.shape != y.shape or not (np.isfinite(x).all() and np.isfinite(y).all()):
-        raise NotMeasured(
-            f"{np.isfinite(x).sum()} and {np.isfinite(y).sum()} samples have gaps or do not match, so "
-            "there are no spectra"
-        )
+    if x.shape != y.shape:
+        raise NotMeasured(f"{x.size} and {y.size} samples do not match, so there are no spectra")
+    if missing := int((~np.isfinite(x)).sum() + (~np.isfinite(y)).sum()):
+        raise NotMeasured(f"{missing} of {x.size + y.size} samples are missing, so there are no spectra")
     length = round(segment * rate)
     if x.size < 2 * length:
         raise NotMeasured(

@@ -217,7 +217,7 @@ def _all_ways(
 def _dimensions(
     names: Iterable[str], captures: Sequence[Captured]
 ) -> Iterator[tuple[str, Mapping[str, Move]]]:
-    """Yield each dimension that was used, with its shift."""
+    """Yield each used dimension with an uncertainty, and the function that shifts it by one standard deviation."""
     for rig in captures:
         if not isinstance(rig, Description):
             continue

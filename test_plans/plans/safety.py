@@ -214,7 +214,10 @@ def _course(run: Run, provocation: AbstractContextManager[None], watched: float)
 
 
 def _supervised(run: Run, names: Iterable[str]) -> bool:
-    """Return whether the rig is known to detect silence; if not, record the checks ``names`` as not available."""
+    """Return whether the rig is known to detect a silent commander.
+
+    If not, record the checks ``names`` as not available.
+    """
     known = run.bench.wiring.capabilities.watchdog
     if not known:
         run.not_available(

@@ -274,10 +274,10 @@ def hold_the_height(run: Run) -> None:
 
 
 def restore_state(run: Run, load: Load, hold: Callable[[Run], T], cool: float = 0.0) -> T:
-    """Restore the state of the springs after a hold: leveled, settled, and shut in if they were shut in before.
+    """Restore the springs after a pause of the run: leveled, settled, and shut in if they were shut in before.
 
-    ``hold`` is the function by which the plan holds the height afterwards; its result is returned. ``cool`` is the time
-    (s) for the gas to cool after it.
+    ``hold`` is the function by which the plan holds the height; its result is returned. Then the gas cools for ``cool``
+    s.
     """
     locked = run.bench.air.left_mode == "hold"
     with run.phase("stand again"):

@@ -46,7 +46,10 @@ class Home:
 
 
 def go_home(run: Run) -> Home:
-    """Bring both springs to design height by their lasers; the actuators hold and the air follows its target."""
+    """Move both springs to design height, as the lasers measure it, in displacement control.
+
+    The valves keep the pressure of each side. Return the set-points that were reached.
+    """
     steps.hold_the_height(run)
     bench = run.bench
     with run.phase("design height"):

@@ -99,7 +99,8 @@ def _answer(
 ) -> tuple[float, float]:
     """Return the ratio of the first harmonics of bolster and platform, and the peak of the bolster (m).
 
-    Both are for a bolster of ``mass`` (kg). The peak is half the platform's travel plus half the bolster's.
+    Both are for a bolster of ``mass`` (kg). The peak is the mean (half the platform's travel) plus the amplitude (half
+    the bolster's travel).
     """
     platform = values["platform.vertical"] - values["platform.vertical"][0]
     spring = 0.5 * (values["left.height"] + values["right.height"])

@@ -66,7 +66,7 @@ def test_a_control_socket_is_private_and_removed_with_its_run(rig_file):
         assert door_path(rig_file).stat().st_mode & 0o077 == 0
         with opened_door(rig_file, Door(lambda: None, Suspension(), None)):
             pass  # another run on the same rig has no door, and does not take this one away
-        assert "answers from another source" in knock(rig_file, {"do": "answer", "text": "yes"})["error"]
+        assert "takes no answers" in knock(rig_file, {"do": "answer", "text": "yes"})["error"]
     with pytest.raises(NoRun):
         knock(rig_file, {"do": "look"})
     assert not door_path(rig_file).exists()

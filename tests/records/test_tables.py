@@ -146,7 +146,7 @@ FORMS: dict[str, tuple[bytes, str, dict[str, Any], str]] = {
     "durations": (clock(lambda t: f"PT1M{2.5 + t:.2f}S"), ".csv", {}, "durations"),
     "skipped hour": (clock(lambda t: f"2026-03-29 02:59:59.{round(1e3 * t):03d}"), ".csv", {"zone": "Europe/Berlin"}, "has no 2026-03-29 02:59:59"),
     "power cut": (csv() + bytes(4096), ".csv", {}, r"1 line with bytes 0.*line 32"),
-    "segments": (csv("time\tx\tp", lambda t, x, p: f"{t:.2f}\t{x:.4f}\t{p:.3f}", LVM, f"{SEGMENT}time\tx\tp\n0.3\t1\t2\n"), ".lvm", {"format": "csv"}, "a second segment begins before line 37"),
+    "segments": (csv("time\tx\tp", lambda t, x, p: f"{t:.2f}\t{x:.4f}\t{p:.3f}", LVM, f"{SEGMENT}time\tx\tp\n0.3\t1\t2\n"), ".lvm", {"format": "csv"}, "line 37 ends the head of a second segment"),
     "workbook": (b"PK", ".xlsx", {}, "ssconvert a.xlsx a.csv"),
     "no clock": (csv("x,p", lambda t, x, p: f"{x:.4f},{p:.3f}"), ".csv", {"rate": 100.0}, "100 rows a second"),
     "rate beside a clock": (csv(), ".csv", {"rate": 100.0}, "has a time column, and file.rate is for tables without one"),

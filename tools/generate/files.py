@@ -339,7 +339,7 @@ def _print_sensors(out: TextIO) -> None:
 
 
 def _with_provenance(row: dict[str, Any]) -> str:
-    """Return the source of a value, after its provenance if the value is not assumed."""
+    """Return the source of a value as text, such as "measured: gauge"; without "assumed:" for assumed values."""
     source = str(row["source"])
     return source if row["provenance"] == "assumed" else f"{row['provenance']}: {source}"
 
@@ -543,7 +543,7 @@ def files() -> dict[Path, str]:
 
 
 def main(arguments: list[str]) -> int:
-    """Write or check; return the exit code. Nothing is written if the table moves an assigned place."""
+    """Write or check; return the exit code. Nothing is written if the table changes an assigned address."""
     if wrong := moved(kept_places(), TABLE):
         print(
             f"The table moves what other programs rely on:\n  {f'{chr(10)}  '.join(wrong)}", file=sys.stderr

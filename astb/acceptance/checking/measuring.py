@@ -180,7 +180,10 @@ class Measuring:
         self._motions.append(Motion(0.0, change, noise, side))
 
     def _shake(self, axis: Any, amplitude: float, frequency: float) -> tuple[Samples, dict[str, Samples]]:
-        """Store the amplitudes of all readings for a sine; return its samples, aligned."""
+        """Move ``axis`` with a sine and store the amplitudes of all readings.
+
+        Return times and readings of the steady cycles, at common times; nothing if the rig cannot do it.
+        """
         bench = self._bench
         names = [name for name in self._names if bench.receiver.rates.get(name, inf) >= SAMPLES * frequency]
         streamed = not bench.wiring.capabilities.generator

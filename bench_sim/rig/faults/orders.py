@@ -79,11 +79,11 @@ def _carry_out(panel: FaultPanel, order: FaultOrder) -> dict[str, Any]:
         active = panel.on(order.name, order.values, read_time("for", order.lasting))
         return {"time": panel.time, "on": [active.as_json()]}
     if order.values or order.lasting is not None:
-        raise FaultError(f"{order.do} takes no values and no time; remove them")
+        raise FaultError(f"the order {order.do!r} takes no values and no time; remove them")
     if order.do == "off":
         return {"time": panel.time, "off": panel.off(order.name)}
     if order.name:
-        raise FaultError("the order list takes no name; remove it")
+        raise FaultError("the order 'list' takes no name; remove the key name")
     return {
         "time": panel.time,
         "faults": _CATALOGUE,

@@ -35,7 +35,7 @@ class StartOrder:
 
 
 def main() -> None:
-    """Answer an order with the durations (s) of its steps, then serve the tick."""
+    """Answer a `StartOrder` with the durations (s) of its trial steps, then take a step at each request of the rig."""
     started: list[Any] = []
 
     def start(order: StartOrder) -> npt.NDArray[np.float64]:

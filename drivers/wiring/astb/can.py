@@ -134,7 +134,10 @@ class AstbOutlet(Outlet):
         self._port.send(self._encoder.encode(values, self._rows, time))
 
     def send_cyclic(self, stream: CyclicStream) -> Task | None:
-        """Start the cycle in compiled code, if the port has a wire or a simulated bus; otherwise return None."""
+        """Start the cycle in compiled code and return its task; None where this is impossible.
+
+        It needs compiled code, and a simulated bus or, in real time, a socket.
+        """
         from drivers import cycle
 
         if not cycle.COMPILED:

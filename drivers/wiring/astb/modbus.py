@@ -202,7 +202,10 @@ class AstbRegisters:
         return from_words(*self._port.read_input(self._floats[name].address, 2))
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
-        """Return contacts, settings in force and readings (SI); several of a kind in one request, or one a block."""
+        """Return contacts, settings in force and readings (SI).
+
+        Contacts and settings need one request each, readings one request for each block.
+        """
         found: dict[str, float] = {}
         readings = self._floats.keys() - self._active.keys()
         for known, one, several in (

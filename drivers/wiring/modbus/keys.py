@@ -82,8 +82,10 @@ def read_keys(where: str, table: Mapping[str, Any]) -> ModbusKeys | RtuKeys:
     keys = convert(where, table, RtuKeys)
     if (keys.line is None) == (keys.host is None):
         raise WiringError(
-            f'{where}: use one of line = "/dev/ttyUSB0" (a serial line) and host = "192.0.2.10" (frames of a '
-            "serial line over TCP)"
+            f"{where} has both line and host; remove one of them"
+            if keys.line is not None
+            else f'{where} has neither line nor host; add line = "/dev/ttyUSB0" (a serial line) or host = "192.0.2.10" '
+            "(frames of a serial line over TCP)"
         )
     if keys.line is None:
         for key in ("baudrate", "parity", "stopbits", "local_echo"):

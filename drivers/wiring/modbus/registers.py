@@ -237,9 +237,8 @@ def _point(
     if kind in ("bit", "string") and (keys.scale, keys.offset, keys.null) != (1.0, 0.0, None):
         raise WiringError(f"{place}: scale, offset and null are for numbers; remove them for a {kind}")
     if keys.bits > 1 and (bits or kind != "bit"):
-        raise WiringError(
-            f"{place}: bits = {keys.bits} is for bits of a register; add bit = the lowest of them"
-        )
+        target = f"a {keys.table}" if bits else f"type = {kind!r}"
+        raise WiringError(f"{place}: bits = {keys.bits} has no meaning for {target}; remove bits")
     if (keys.bit or 0) + keys.bits > BITS_PER_REGISTER:
         raise WiringError(
             f"{place}: bits = {keys.bits} from bit = {keys.bit} on go beyond bit 15, the highest of a "
