@@ -129,7 +129,7 @@ def test_a_page_outlives_its_server_and_stops_the_run_that_went_on(
     commander.wait_for_selector("body:not(.stale)")
     until(commander, "#seat", "This page controls the rig")
     viewer = open_page(command=False)
-    assert "not from this page" in text_of(viewer, "#estop"), (
+    assert "not allowed from this page" in text_of(viewer, "#estop"), (
         "where it would do nothing it does not look as if"
     )
     assert viewer.locator("#estop.watching").count() == 1
@@ -272,7 +272,7 @@ def test_the_views_show_past_runs_and_diagnoses_faults_and_the_bus(open_page, be
     assert beside == "/kept/compare?a=one&b=two"
     page.click("tr:has(a[href$='=one']) >> td >> nth=3")
     assert page.get_attribute(".check >> text=trend", "href") == "/kept/trend?run=one&place=0"
-    page.click("text=Add a note, a photo, a file")
+    page.click("text=Add a note, a photo or a file")
     page.fill("textarea[aria-label=note]", "a scratch")
     page.fill(".notes input[aria-label=operator]", "A. Tester")
     page.set_input_files("input[aria-label='photos or files']", PHOTO)
