@@ -135,7 +135,9 @@ def _unseen(screening: Screening, model: FittedModel, company: Company, place: i
         sentence = "it has no influence on these runs"
     elif smallest > most:
         sentence = (
-            "a parameter of the model has the same effect" if hidden_by else "it is not visible in these runs"
+            "a parameter of the model can imitate it in these runs"
+            if hidden_by
+            else "it is not visible in these runs"
         )
     elif not company.quiet:
         sentence = "the remaining error is larger than the noise"

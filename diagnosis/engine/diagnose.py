@@ -358,7 +358,8 @@ def _remains(data: Dataset, judgement: Judgement, left: Remainder) -> list[str]:
         sentences.append("The fit of the last model did not converge; its intervals are not reliable.")
     if left.after > NOISE_RATIO_SHOWN:
         sentences.append(
-            f"{ROLES[left.role]}, the remaining error is {left.after:.3g} times the noise. Not every cause was found."
+            f"{ROLES[left.role]}, the remaining error is {left.after:.3g} times the noise. The model does not "
+            "explain all of it."
         )
     if not data.of("select"):
         sentences.append(

@@ -157,8 +157,8 @@ def _imitated(imitations: Sequence[Imitation], *, many: bool) -> str:
         return ""
     one = imitations[0]
     return (
-        f" Without {'these causes' if many else 'this cause'}, the model fits the data best with "
-        f"{in_words(one.name)} = {with_unit(one.before, one.unit, 4)}. Expected is {_prior(one)}."
+        f" Without {'these causes' if many else 'this cause'}, the model needs an improbable value to fit the data: "
+        f"{in_words(one.name)} = {with_unit(one.before, one.unit, 4)}. The expected value is {_prior(one)}."
     )
 
 
@@ -288,7 +288,7 @@ def _error(left: Remainder, found: Finding) -> str:
     elif left.after > 0.995 * left.before:
         verb = "stays at" if found.causes or found.unknowns else "is"
         change = f"the error {verb} {left.after:.3g} times the noise"
-    return f"{ROLES[left.role]}, {change}.{' Not every cause was found.' if left.large else ''}"
+    return f"{ROLES[left.role]}, {change}.{' The model does not explain all of the error.' if left.large else ''}"
 
 
 def _shown_by(found: Finding) -> str:
@@ -325,7 +325,7 @@ def _in_checks(found: Finding) -> str:
     seen = f" The measured value in {one.run} is {read}." if one.measured is not None else ""
     return (
         f"The model with the cause predicts {extended} ± {half} {one.unit} (95 % interval) for the {kind}{one.name}. "
-        f"Without the cause it predicts {tuned}, and with the original parameters {stock}.{seen}"
+        f"The model without the cause predicts {tuned} after its fit to the data, and {stock} before.{seen}"
     )
 
 

@@ -265,8 +265,8 @@ def _detectable(unseen: Sequence[Unseen]) -> Markup:
     sized = [(one.title, typeset(one.sentence)) for one in unseen if one.smallest is not None]
     return section(
         "Smallest detectable effects",
-        "An effect that was not found may still exist. From the size in this table on, these runs show it in 95 of 100 "
-        "cases."
+        "An effect that was not found may still exist. If its size is at least the value in this table, these runs "
+        "show it in 95 of 100 cases."
         if sized
         else "",
         table("effect | detectable size", sized),
@@ -331,8 +331,10 @@ def _details(finding: Finding) -> Iterator[Markup]:
     yield section("Terms", facts_table(_TERMS))
     if finding.checks:
         measured = any(one.measured is not None for one in finding.checks)
-        heads = "result | original parameters :n | fitted parameters :n | with the cause (95 % interval) :n value | "
-        heads += "unit :u" + " | measured :n | measured in :u" * measured
+        heads = "result | without the cause, before the fit :n | without the cause, fitted :n | "
+        heads += (
+            "with the cause (95 % interval) :n value | unit :u" + " | measured :n | measured in :u" * measured
+        )
         yield section(
             "Predicted results of test plans",
             "K′ is the dynamic stiffness, and c the damping. AW0 is the empty car, and AW3 the full car. No parameter "
@@ -435,7 +437,7 @@ def _limits(finding: Finding) -> Iterator[Markup]:
             "Two effects in a dark field change the measured values in nearly the same way. A similarity of 1 means "
             "that no method can distinguish them. The numbers are similarities above 0.9.",
             drawing(drawings.cosine_map("cosines", finding.confusability, titles)),
-            subheading("Effects that these runs cannot distinguish at the expected size") if rows else "",
+            subheading("Effects that look alike at their expected sizes") if rows else "",
             table("effect | similar effects", rows),
         )
     expected = {(one.name, one.run): one for one in finding.imitations}
@@ -515,7 +517,7 @@ def _largest_shifts(shifts: Sequence[Shift]) -> list[Shift]:
 def _facts(finding: Finding) -> list[tuple[str, str]]:
     source = finding.provenance
     facts = {
-        "verdict in finding.json": finding.verdict.value,
+        "verdict code in finding.json": finding.verdict.value,
         "model": source.simulator,
         "identity": source.identity,
         "fit runs": ", ".join(source.fit),

@@ -301,7 +301,7 @@ class _Reader:
             len(holes),
             len(grid),
             f"{grid[holes[0][0]]:.6g} s",
-            f"the longest gap is {(stop - start) * (grid[1] - grid[0]):.3g} s, from {grid[start]:.6g} s on",
+            f"the longest gap has {(stop - start) * (grid[1] - grid[0]):.3g} s and starts at {grid[start]:.6g} s",
             check.input if driven else check.output,
             check.doubt,
         )

@@ -157,7 +157,7 @@ def test_a_gap_is_a_row_of_the_data_quality(tmp_path: Path, gap: slice, told: bo
     assert bool(rows) is told
     if told:
         assert rows.keys() == {"displacement", "pressure", "force"}
-        assert all(row.file == "a.csv" and "0.4 s, from 3 s" in row.found for row in rows.values())
+        assert all(row.file == "a.csv" and "0.4 s and starts at 3 s" in row.found for row in rows.values())
         assert (
             "straight line" in rows["pressure"].consequence
             and "straight line" not in rows["force"].consequence

@@ -36,8 +36,8 @@ def size(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     return Evidence(
         statistic=float(ratios[worst]),
         p=bonferroni(p_of_chi2(2.0 * ratios[worst] * counts[worst], 2 * int(counts[worst])), len(bands)),
-        sentence=f"the error of {name} is {np.sqrt(total):.3g} times the noise, and from {low:g} to {high:g} Hz "
-        f"{np.sqrt(ratios[worst]):.3g} times",
+        sentence=f"the error of {name} is {np.sqrt(total):.3g} times the noise; from {low:g} to {high:g} Hz, it is "
+        f"{np.sqrt(ratios[worst]):.3g} times the noise in this band",
         points_to="any cause",
         draw=lambda: Figure(
             kind="bars",
@@ -66,8 +66,8 @@ def memory(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     return Evidence(
         statistic=q,
         p=p_of_chi2(q, LJUNG_BOX_LAGS),
-        sentence=f"the error of {name} changes slowly: values {lag * residuals.step:.3g} s apart have a correlation of "
-        f"{rho[lag - 1]:.2f}",
+        sentence=f"values of the error of {name} that are {lag * residuals.step:.3g} s apart have a correlation "
+        f"of {rho[lag - 1]:.2f}",
         points_to="lag, delay, fast dynamics",
         draw=lambda: Figure(
             kind="bars",

@@ -33,7 +33,7 @@ from diagnosis.finding import PanelRow
 Test = Callable[[Residuals, int], Evidence | NotApplicable]
 TESTS: Final[tuple[tuple[str, str, Test], ...]] = (
     ("size", "error larger than the noise", over_time.size),
-    ("memory", "error changes slowly", over_time.memory),
+    ("memory", "error correlated in time", over_time.memory),
     ("drift", "error drifts over time", over_time.drift),
     ("linear", "error proportional to an input", over_inputs.follows("linear")),
     ("even", "error equal at low and high input", over_inputs.follows("even")),
