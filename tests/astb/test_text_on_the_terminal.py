@@ -149,7 +149,7 @@ def test_a_rig_may_be_called_anything(name, monkeypatch):
     received = io.StringIO()
     with redirect_stdout(received):
         check_rig._show(report)
-    assert f"{name}, {name}; identity: {name}" in received.getvalue()
+    assert f"{name}: state {name}; {name}\n" in received.getvalue()
 
 
 def _rest(name):

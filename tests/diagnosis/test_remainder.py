@@ -47,7 +47,7 @@ def coherent(finding) -> bool:
     """Return whether verdict, causes, sentence, gain and remainder of a finding say the same."""
     (gain,) = [one for one in finding.gains if one.channel == "all"]
     large = gain.noise_ratio > REMAINDER_RATIO
-    left = any("not every cause" in one.lower() for one in finding.remains)
+    left = any("does not explain all" in one for one in finding.remains)
     return (
         bool(finding.causes) == (finding.verdict in NAMES)
         and ("do not contradict" in finding.sentence) == (finding.verdict is Verdict.NO_EFFECT)

@@ -164,7 +164,7 @@ BAD_OPTIONS = {
     "--effect heat=1% --effect heat=2%": "--effect heat is given twice",
     "--effect": "Option '--effect' requires an argument",
     "--model atsb": "no parameter set 'atsb': ",
-    "--model nowhere.toml": "no parameter set 'nowhere.toml': nowhere.toml cannot be read; use astb",
+    "--model nowhere.toml": "no parameter set 'nowhere.toml': nowhere.toml cannot be read",
     "--model rig.toml": "rig.toml: name is outside a section; move it into a [section]",
     "--sealed nowhere": "no file of effects 'nowhere': nowhere cannot be read",
     "--sealed rig.toml": "rig.toml: the file has name, simulation; use [effect.NAME] tables only",

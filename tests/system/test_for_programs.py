@@ -116,4 +116,6 @@ def test_doctor_reports_faults_and_remedies(cli, rig) -> None:
     assert all(row["mend"] for row in json.loads(text) if row["state"] != "fine")
     status, text, _ = cli("doctor", "--out", "/proc/none", "--json")
     assert status == BLOCKED
-    assert [row["name"] for row in json.loads(text) if row["state"] == "broken"] == ["room in /proc/none"]
+    assert [row["name"] for row in json.loads(text) if row["state"] == "broken"] == [
+        "disk space in /proc/none"
+    ]

@@ -104,7 +104,7 @@ def test_a_line_that_is_not_there() -> None:
     ("changes", "words"),
     [
         ({}, 'line "/dev/ttyUSB0"'),
-        ({"line": "/dev/x", "host": "y"}, 'line "/dev/ttyUSB0"'),
+        ({"line": "/dev/x", "host": "y"}, "line host remove"),
         ({"line": "/dev/x", "port": 502}, "TCP"),
         ({"host": "y", "baudrate": 9600}, "baudrate"),
         ({"line": "/dev/x", "parity": "evn"}, "parity 'evn' 'even'"),
