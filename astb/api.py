@@ -87,8 +87,8 @@ def run_plan(
     """Run a plan, given by name or as an object, and return its result and the directory of its record.
 
     ``on`` is an open bench, or a rig as for `open_bench`. ``answers`` are the answers to the questions of the plan: an
-    operator, or texts by question or deed (``*`` for all others). With ``suspension`` another thread can hold the run
-    and continue it.
+    operator, or texts by question or manual action (``*`` for all others). With ``suspension`` another thread can pause
+    the run and continue it.
 
     The record is a new directory in ``out``, with a report unless ``report`` is False. Existing files are not changed.
     After an interrupt, as in a notebook, the rig comes to rest, the record is completed, and KeyboardInterrupt is

@@ -1,8 +1,8 @@
-"""The catalogue of plans that judge, as tests: `pytest --pyargs astb.catalogue --rig local`.
+"""Tests that run all plans with a verdict: `pytest --pyargs astb.catalogue --rig local`.
 
 There is one test for each plan, and for each choice of parameters with a few choices (a load, an axis). `-k lateral`
 selects tests; `--plan-set amplitude=20mm` sets a parameter, like `astb run --set`, for all plans that have it. The
-pytest plugin provides the fixtures. A plan that is blocked, or cannot measure everything, does not pass.
+pytest plugin provides the fixtures. A plan that is blocked, or cannot measure everything, fails its test.
 """
 
 import warnings
@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 
 
 def variants(plan: Plan, given: Mapping[str, str]) -> Iterator[Plan]:
-    """Yield ``plan`` with each combination of the choices that are not ``given``. Raises ParameterRefused."""
+    """Yield ``plan`` with the ``given`` parameters and each combination of choices of the others. Raises
+    ParameterRefused.
+    """
     own = {one.name: given[one.name] for one in plan.parameters if one.name in given}
     open_choices = [
         [(one.name, choice) for choice in one.choices]
@@ -35,7 +37,7 @@ def variants(plan: Plan, given: Mapping[str, str]) -> Iterator[Plan]:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Generate a test for every plan that judges."""
+    """Generate the tests of all plans that give a verdict, one for each of their `variants`."""
     if "plan" not in metafunc.fixturenames:
         return
     given = dict(text.partition("=")[::2] for text in metafunc.config.getoption("astb_settings"))
@@ -61,6 +63,6 @@ def _name(plan: Plan) -> str:
 
 
 def test_plan(run: "Callable[[Plan], Result]", plan: Plan) -> None:
-    """Run the plan; it passes if all its measurements pass."""
+    """Run the plan. The test passes if the verdict of the plan is *pass*."""
     result = run(plan)
     assert result.verdict == "pass", "\n".join(str(one) for one in result.checks if one.verdict != "pass")

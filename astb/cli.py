@@ -17,7 +17,7 @@ from astb.plugins import CommandLine
 from astb.terminal import print_safely
 from bench_protocol.runtime import NeedsLinux
 
-#: Thresholds of the three generations of garbage collection: Python's own numbers except the last, which is 10 there.
+#: Thresholds of the three generations of garbage collection. Only the last differs from Python's default, which is 10.
 GARBAGE_COLLECTED_AFTER: Final = (700, 10, 100)
 #: The module of each command by heading, in the order of `astb --help`; the module holds it as NAME_command.
 HEADINGS: Final = {

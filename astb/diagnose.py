@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 FINDING: Final = "finding.json"
 REPORT: Final = "report.html"
 EXTENDED: Final = "extended.toml"
-#: The model in doubt unless one is given.
+#: The model that is tested by default.
 BENCH: Final = "astb"
 
 Progress = Callable[[str, float], None]
@@ -52,7 +52,8 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True, slots=True)
 class DiagnosisRequest:
-    """The request of a diagnosis: data, the map of foreign files, the model in doubt, and the candidates (None: all).
+    """The request of a diagnosis: data, the map of foreign files, the model to test, and the candidate effects (None:
+    all).
 
     ``simulator`` is a user's simulator, "package.module:factory", instead of the bench and its ``model``.
     """
@@ -97,10 +98,11 @@ def conclude(
     out: Path,
     progress: Progress,
 ) -> Finding:
-    """Diagnose, and write finding and report into ``out``, with the extended ``model`` of a bench, or the values of an
-    FMU.
+    """Diagnose, and write finding and report into ``out``. Also write the extended ``model`` of a bench, or the values
+    of an FMU.
 
-    For a bench the finding also ranks the menu of separating runs, and predicts stiffness and damping of other plans.
+    For a bench, the finding also ranks further runs by how well they separate the causes, and predicts stiffness and
+    damping in other plans.
     """
     further: tuple[Experiment, ...] = ()
     checks: StiffnessChecks | None = None
@@ -118,7 +120,7 @@ def conclude(
 
 
 def rig_of(parameters: "Parameters") -> "Description":
-    """Return the description of a rig that is built with a set of parameters, as plans read it."""
+    """Return the description of a rig that has the dimensions of a parameter set, in the form that plans read."""
     return Description("the rig", ordinary().built(dimensions_of(parameters)))
 
 
@@ -136,7 +138,7 @@ def clear_results(out: Path) -> None:
 
 @contextmanager
 def progress_bar(console: "Console") -> Iterator[Progress]:
-    """Show the progress of a diagnosis during the block; without a terminal as plain lines."""
+    """Yield a function that shows progress as a text and a fraction: on a terminal as a bar, otherwise as lines."""
     if not console.is_terminal:
         yield lambda text, done: console.print(f"{done:4.0%} {text}", soft_wrap=True)
         return
@@ -157,11 +159,11 @@ def progress_bar(console: "Console") -> Iterator[Progress]:
 def read_data(
     paths: Sequence[Path], map_path: Path | None, parameters: "Parameters", own: str | None = None
 ) -> tuple[Simulator, Dataset]:
-    """Return the system and its measured runs: records of the bench, or files for a map or a user's simulator.
+    """Return a simulator and the runs to compare with it: records of the bench, or files for a map or a user's
+    simulator.
 
-    For runs of the bench, `with_roles` selects those that choose models and those that validate the gain.
-
-    Raises DiagnosisError or RecordError, which name the file and the correct form.
+    Runs of the bench get their roles from `with_roles`. Raises DiagnosisError or RecordError, which name the file and
+    the correct form.
     """
     if map_path is not None or own is not None:
         return read_mapped(paths, map_path, own, columns_of_frames)
@@ -176,8 +178,8 @@ def read_data(
 
 
 def built_for(parameters: "Parameters", records: "Sequence[Record]") -> "Parameters":
-    """Return the parameter set of the rig of the runs, from the dimensions in their records. Raises DiagnosisError if
-    the dimensions differ between the runs.
+    """Return ``parameters`` with the dimensions of the rig that the records state. Raises DiagnosisError if the
+    dimensions differ between the records.
     """
     first, *others = ((one.path.parent, _stated_in(one)) for one in records)
     for where, stated in others:
@@ -199,11 +201,11 @@ def _stated_in(record: "Record") -> dict[str, float]:
 
 
 def with_roles(dataset: Dataset) -> Dataset:
-    """Return the dataset with roles: of each screening, one run selects models, one validates the gain, the others are
-    fitted.
+    """Return the dataset with a role for each run. Of each screening, one run selects the model ("select"), one
+    validates it ("report"), and the others are fitted ("fit").
 
-    Runs of separating plans are fitted. The two runs that are kept back have different loads and stretches, so that the
-    fit includes every load, and every stretch under at least one load.
+    Runs of other plans are fitted. The two runs that are not fitted have different loads and stretches, so that the fit
+    includes every load, and every stretch under at least one load.
     """
     screenings: dict[str, list[str]] = {}
     for run in dataset.runs:
@@ -218,8 +220,8 @@ def with_roles(dataset: Dataset) -> Dataset:
 
 
 def _kept_back(names: Sequence[str]) -> dict[str, Role]:
-    """Return the roles of a screening's runs that are not fitted. At least one run under every load stays for the
-    fit.
+    """Return the roles of those runs of a screening that are not fitted. If possible, at least one run under every load
+    is fitted.
     """
     loads: dict[str, list[str]] = {}
     for name in names:
@@ -282,7 +284,7 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
 
 
 def _checked(finding: Finding) -> list[str]:
-    """Return the results of the data checks that are no doubts, one line for all columns with the same result."""
+    """Return the results of the data checks without a doubt, one line for all columns with the same result."""
     columns: dict[tuple[str, str], list[str]] = {}
     for row in finding.quality:
         if not row.doubt:
@@ -291,7 +293,9 @@ def _checked(finding: Finding) -> list[str]:
 
 
 def _candidates(finding: Finding) -> Iterator[str]:
-    """Yield the causes with their laws, the alternatives to them, and the suspects, each with its key."""
+    """Yield a line for each cause and each of its laws, for each alternative cause, and for each cause that was not
+    accepted.
+    """
     for cause in finding.causes:
         yield f"cause: {_described(cause)}"
         for law in cause.laws:

@@ -36,7 +36,7 @@ _PER_SECOND: Final = 4
 class _Screen(Progress):
     """A progress bar, and below it the latest snapshot of a run, drawn at regular intervals.
 
-    Nothing is drawn while a question waits, because the answer is typed there.
+    Nothing is drawn while a question waits, because the user types the answer in this place.
     """
 
     run: Live | None = None
@@ -44,11 +44,11 @@ class _Screen(Progress):
 
     @property
     def _question_open(self) -> bool:
-        run = self.run  # read once, because it may be over at the next read
+        run = self.run  # read once, because it may have ended at the next read
         return run is not None and run.question is not None
 
     def refresh(self) -> None:
-        """Draw; draw an empty screen only once."""
+        """Draw the screen. While a question waits, the empty screen is drawn only once."""
         if not (self._empty and self._question_open):
             super().refresh()
 
@@ -62,8 +62,8 @@ class _Screen(Progress):
 
 
 class ProgressDisplay:
-    """The display for the operator: a bar and the state of the run on a terminal, lines through a pipe; a plan's
-    watcher.
+    """The display for the operator, which is the watcher of a plan. On a terminal it shows a bar and the state of the
+    run, otherwise it prints lines.
     """
 
     def __init__(self, console: Console) -> None:
@@ -98,7 +98,7 @@ class ProgressDisplay:
             self._screen.stop()
 
     def introduce(self, text: str) -> None:
-        """Show once the circumstances of the measurement."""
+        """Show the circumstances of the measurement, unless the same text was shown last."""
         if text and text != self._introduced:
             self._introduced = text
             self._print(text, "bold")
@@ -181,7 +181,9 @@ _NAME: Final = 28
 
 
 def drawn(seen: Snapshot) -> Text:
-    """Return the lines: state and steps, remaining time and late ticks of the rig, the key readings."""
+    """Return the state of a run as text: state and steps, remaining time, late ticks of the rig, and the key
+    readings.
+    """
     text = Text(no_wrap=True, overflow="ellipsis")
     text.append(f"{seen.state:<14}", "bold" if not seen.reason else "bold red")
     text.append(seen.reason and f"{seen.reason}  ", "red")

@@ -41,7 +41,7 @@ ROOM: Final = 1e9
 CONNECT: Final = 0.3 * s
 
 APT: Final = "apt install"
-#: Programs that a user may use next to the bench, the package they come in, and what for.
+#: Programs that a user may use next to the bench, the package that contains them, and their purpose.
 TOOLS: Final = {
     "mbpoll": ("mbpoll", "an independent Modbus client"),
     "tshark": ("tshark", "live views of the bus, `astb rig --capture-port`"),
@@ -60,10 +60,10 @@ class MachineCheck(msgspec.Struct, frozen=True):
 
 
 def examine_machine(rig: RigFile, records: Path) -> list[MachineCheck]:
-    """Return what is available and what is missing, for ``rig`` on this machine and records under ``records``.
+    """Return the available and the missing components of this machine, for ``rig`` and for records in ``records``.
 
-    Takes about half a second. Nothing is changed and nothing leaves the machine, except connections to the addresses
-    in the rig file, to test whether a server answers there.
+    This takes about half a second. Nothing is changed and nothing leaves the machine, except connections to the
+    addresses in the rig file, to test whether a server answers there.
     """
     return [
         _python(),
@@ -108,7 +108,7 @@ def _real_time() -> Iterator[MachineCheck]:
 
 
 def _packages() -> Iterator[MachineCheck]:
-    """Compare the installed packages with the requirements of this package."""
+    """Yield the checks of the installed packages against the requirements of ASTB, one for each optional extra."""
     from packaging.requirements import Requirement
 
     wrong, lacking = {}, {}

@@ -26,7 +26,7 @@ from test_plans.recording import recorded_signals
 if TYPE_CHECKING:
     from bench_records.layout import SignalInfo
 
-#: All forms of files: tables first, as an MDF file is one unless a DBC states what its frames are.
+#: All formats of files. Tables come first, because an MDF file is a table unless a DBC describes its frames.
 FORMS: Final = (*tables.FORMS, *reading.FORMS)
 
 
@@ -58,8 +58,8 @@ def export_run(directory: Path, target: Path, rate: float, names: Sequence[str])
 def import_file(source: Path, directory: Path, keys: LogKeys | None = None, table: Sequence[str] = ()) -> str:
     """Convert a file to a run in the new ``directory``; return a summary of imported and skipped data as text.
 
-    A CAN log is decoded with our own messages or with those of a DBC. Then its signals are called MESSAGE.SIGNAL, in
-    the units of the DBC; ``keys`` state how to read it. ``table`` are keys for the reader of tables, as KEY=VALUE.
+    A CAN log is decoded with our own messages or with those of a DBC. With a DBC, the signals are called MESSAGE.SIGNAL
+    and have its units. ``keys`` state how to read the log. ``table`` are keys for the reader of tables, as KEY=VALUE.
     Raises RecordError for an impossible import.
     """
     form = _known_form(source, [one for one in FORMS if one.read is not None])
@@ -84,7 +84,7 @@ def import_file(source: Path, directory: Path, keys: LogKeys | None = None, tabl
             reader = read_mdf if form.name in ("mdf", "MDF") else read_table
             count = reader(source, directory, _known_signals().get, meta, account, import_keys(table))
     except BaseException:
-        rmtree(directory, ignore_errors=True)  # it was new or empty: half a record is none
+        rmtree(directory, ignore_errors=True)  # it was new or empty, and an incomplete record is useless
         raise
     _conclude(source, directory, account)
     return "\n  ".join([f"{count} samples", *account.lines()])
@@ -111,7 +111,9 @@ def _refuse_idle_keys(source: Path, keys: LogKeys, table: Sequence[str], frames:
 
 
 def _conclude(source: Path, directory: Path, account: Account) -> None:
-    """Write the result of an imported run, which has no verdict, so that report and index list it."""
+    """Write result, checksums and report of an imported run, so that it is listed like other runs. It has no
+    verdict.
+    """
     title = f"Imported from {source.name}"
     reason = "imported: nothing was judged here"
     conclude("imported", title, "", [], reason=reason, warnings=account.lines()).write(directory)

@@ -10,11 +10,13 @@ MISUSE: Final = 2  #: the user requested something impossible
 BLOCKED: Final = 3  #: the rig or a precondition failed, not the product
 INCOMPLETE: Final = 4  #: all measured checks passed, but the rig cannot measure everything
 DEVIATES: Final = 6  #: all checks passed, but the rig deviates from the model that ran next to it (`--watch`)
-REFUSED: Final = 5  #: rehearsed in virtual time, the plan trips a limit: the rig must not be moved by it
+REFUSED: Final = 5  #: the plan trips a limit in a rehearsal, so it must not run on the rig
 
 
 def misuse(error: Exception | str) -> NoReturn:
-    """End the command: the user requested something impossible, unless the disk is the cause (`blocked`)."""
+    """Print ``error``, and end the command with the exit code for wrong usage. If the disk is the cause, call `blocked`
+    instead.
+    """
     from bench_records.disk import NotKept
 
     if isinstance(error, NotKept):
@@ -24,7 +26,7 @@ def misuse(error: Exception | str) -> NoReturn:
 
 
 def blocked(error: Exception | str) -> NoReturn:
-    """End the command: the rig or a precondition failed."""
+    """Print ``error``, and end the command with the exit code for a failure of the rig or of a precondition."""
     words = error.strerror if isinstance(error, OSError) and error.strerror else error
     click.echo(f"astb: {words}", err=True)
     raise click.exceptions.Exit(BLOCKED)

@@ -1,4 +1,6 @@
-"""The extended model of a finding as a file: fitted parameters, causes, and terms without a name."""
+"""The extended model of a finding as a file: fitted parameters, causes, and terms that are no effect of the
+catalogue.
+"""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -21,7 +23,7 @@ _OFFSET: Final = ".offset"
 
 
 def write_extended(path: Path, finding: Finding, based_on: str) -> None:
-    """Write the extended model of ``finding`` to ``path``; ``based_on`` is the model in doubt, a set or a file.
+    """Write the extended model of ``finding`` to ``path``; ``based_on`` is the tested model: a set or a file.
 
     Numbers are rounded to `DIGITS`; their intervals are comments above them. Raises OSError.
     """
@@ -37,7 +39,7 @@ def write_extended(path: Path, finding: Finding, based_on: str) -> None:
 
 
 def changes_of(values: Mapping[str, float], parameters: Parameters) -> dict[str, Any]:
-    """Return parameters in the form of a parameter set: by side, for both sides together, and offsets by sensor."""
+    """Return fitted values in the form of a parameter set: one value for each side, and the offsets by sensor."""
     changes: dict[str, Any] = {}
     for name, value in values.items():
         side, _, quantity = name.partition(".")
@@ -60,7 +62,9 @@ def _sensor(name: str) -> str:
 
 
 def _surfaces(finding: Finding, parameters: Parameters) -> dict[str, Any]:
-    """Return terms without a name, added to those of the set, with their spans."""
+    """Return the parameters for terms that are no effect of the catalogue, added to those of the set, with their
+    ranges.
+    """
     changes: dict[str, Any] = {}
     for name, coefficients in finding.models.effects.items():
         if name in TERMS:
@@ -77,7 +81,9 @@ def _effects(finding: Finding) -> dict[str, dict[str, float]]:
 
 
 def _notes(finding: Finding, parameters: Parameters) -> Notes:
-    """Return 95 % intervals of the fitted parameters, and the ranges of terms without a name."""
+    """Return the comments of the file: 95 % intervals of the parameters, and ranges of terms that are no effect of the
+    catalogue.
+    """
     notes: dict[str, dict[str, str]] = {"change": {}, "sensor_bias": {}}
     for name, side, text in _fitted(finding):
         if name.endswith(_OFFSET):
@@ -112,7 +118,7 @@ def _fitted(finding: Finding) -> Iterator[tuple[str, str, str]]:
 
 
 def interval(low: float, high: float, unit: str) -> str:
-    """Return a 95 % interval as text, with digits by its width."""
+    """Return a 95 % interval as text. The number of digits follows from its width."""
     digits = decimals(low, high)
     return f"95 %: {low:.{digits}f} to {high:.{digits}f} {unit}".removesuffix(" 1")
 

@@ -37,13 +37,13 @@ if TYPE_CHECKING:
 #: Times (ns), numbers of signals, values.
 Samples = tuple[Any, Any, Any]
 _BATCH: Final = 4096
-#: A 29-bit identifier but its priority.
+#: Mask of a 29-bit identifier without its priority.
 _SENDER: Final = 0x3FF_FFFF
 
 
 @dataclass(frozen=True)
 class LogKeys:
-    """Properties of a log of frames that it does not state itself."""
+    """Properties of a log of frames that the file itself does not state."""
 
     dbc: Path | None = None
     charset: str | None = None  #: of the DBC
@@ -61,7 +61,7 @@ class Log:
 
 
 def read_frames_of(source: Path, keys: LogKeys, account: Account) -> Log:
-    """Return the content of a log by our own messages, or by those of a DBC. Raises RecordError."""
+    """Return the content of a log, decoded with our own messages or with those of a DBC. Raises RecordError."""
     try:
         dbc = None if keys.dbc is None else read_dbc(keys.dbc, keys.charset)
         frames = read_log(source, account, keys.stamps)
@@ -103,7 +103,9 @@ def _put_together(frames: Frames, dbc: Dbc, account: Account) -> Frames:
 def _on_channel(
     source: Path, counts: Mapping[Kind, int], channel: str | None, account: Account
 ) -> dict[Kind, int]:
-    """Return the kinds of frames on the selected channel, or on all."""
+    """Return the number of frames by kind, on the selected channel or on all channels. Raises RecordError for an
+    unknown channel.
+    """
     channels = sorted({kind.channel for kind in counts})
     if channel is None:
         return dict(counts)
@@ -257,7 +259,7 @@ def _names(
 
 
 def _called(message: Described, identifier: int, senders: set[int]) -> str:
-    """Return the name of a message; for a J1939 message with several senders with the sender's address."""
+    """Return the name of a message. If a J1939 message has several senders, the sender's address is appended."""
     if len(senders) < 2:
         return message.name
     to = {one >> 8 & 0xFF for one in senders}
@@ -277,7 +279,7 @@ def columns_of_frames(
 ) -> dict[str, Series] | None:
     """Return the ``wanted`` signals of a log, each with its own times; None for a file of another kind.
 
-    MDF files are logs if the keys name a DBC. DiagnosisError names the file, the key and the correct form.
+    MDF files are logs if the keys name a DBC. Raises DiagnosisError, which names file, key and correct form.
     """
     if frames_form(path, keys.dbc is not None) is None:
         if path.is_file() and (what := log_of_others(path)):

@@ -54,7 +54,7 @@ PROGRAMMES: Final[dict[str, "Programme"]] = {
     one.name: one for one in (IDENTIFICATION, SCREENING, *MENU.values())
 }
 _OF_SENSORS: Final = frozenset(quantity.name for quantity in SENSOR_QUANTITIES)
-#: Numbers of heights and lateral displacements at which the shape of a bellows is reported.
+#: Possible steps of the heights and lateral displacements at which the shape of a bellows is reported.
 _STEPS: Final = (20 * mm, 10 * mm, 5 * mm, 2 * mm, 1 * mm)
 
 
@@ -101,7 +101,7 @@ class Shape(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Answer(msgspec.Struct, frozen=True, kw_only=True):
-    """The result of an identification, or of a prediction for a run: ``after`` is the plan of that run."""
+    """The result of an identification, or the prediction for a run of the plan ``after``."""
 
     rows: list[Row]
     shapes: list[Shape] = []
@@ -112,7 +112,7 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def identify_data(request: IdentificationRequest, out: Path | None, console: "Console") -> Answer:
-    """Run the requested identification, and write it to ``out`` if given; or predict the result of a run.
+    """Run the requested identification, and write the model to ``out`` if given. Without data, return a prediction.
 
     Raises DiagnosisError, RecordError or ParameterError; the text names the file, the value and the correct form.
     """
@@ -176,7 +176,7 @@ def _refuse_springs(request: IdentificationRequest, name: str) -> None:
 
 
 def _of_simulator(simulator: "Simulator", dataset: "Dataset", out: Path | None, progress: Progress) -> Answer:
-    """Identify all base parameters of any simulator; no catalogue is needed."""
+    """Identify all base parameters of a simulator that is no model of the bench, and write them to ``out`` if given."""
     if not simulator.nuisances:
         raise DiagnosisError(
             f"{simulator.name} names no parameter to identify; state [fmu.base] in the map of an FMU, or nuisances in "
@@ -220,7 +220,7 @@ def _looked_ahead(parameters: "Parameters", ahead: "Programme", console: "Consol
 
 
 def _make_room(out: Path, model: str) -> None:
-    """Create the folder of the model, and refuse an impossible output before the computation."""
+    """Create the folder of the model. Raises DiagnosisError, before the computation, if ``out`` cannot be written."""
     if out.exists() and Path(model).exists() and out.samefile(model):
         raise DiagnosisError(f"--out {out} is the same file as --model; choose another file")
     try:
@@ -240,7 +240,9 @@ def _requested_parameters(found: Identification) -> list[Identified]:
 
 
 def _further(found: Identification, untold: Sequence[Identified], parameters: "Parameters") -> Iterator[str]:
-    """Yield the experiments that would determine the remaining quantities."""
+    """Yield a sentence on each parameter in ``untold``, with the expected interval after a run of the identification
+    plan.
+    """
     runs = experiments({IDENTIFICATION.name: IDENTIFICATION}, rig=rig_of(parameters))
     after = {one.parameter.name: one for one in _requested_parameters(expected(found, runs))}
     for one in untold:
@@ -322,7 +324,9 @@ def write_springs(
 def _stated(
     parameters: "Parameters", base: "Parameters"
 ) -> tuple[dict[str, Any], dict[str, dict[str, float]]]:
-    """Return the changes of a map, a drawing or the dimensions of a rig to a set: parameters and effects."""
+    """Return the parameters and the effects of ``parameters`` that differ from ``base``, because of a map, a drawing or
+    the rig.
+    """
     changes: dict[str, Any] = {}
     for name, entry in parameters.entries.items():
         value, before = np.asarray(entry.value), np.asarray(base.entries[name].value)

@@ -94,7 +94,7 @@ def investigate_rig(
     model: str,
     out: Path,
 ) -> bool:
-    """Investigate ``rig`` against ``model`` and show the finding; return whether there is one.
+    """Run tests on ``rig`` to find errors of ``model``, and print the finding. Return whether there is a finding.
 
     Raises RigFileError, ParameterError, DiagnosisError, RecordError or BenchError, like `astb run` and `astb diagnose`.
     """
@@ -145,11 +145,11 @@ def history(log: Investigation) -> "InvestigationHistory":
 def choose(
     finding: Finding, menu: Mapping[str, Programme], left: float, done: Collection[str]
 ) -> tuple[Offer | None, str]:
-    """Return the plan to run next, or None, and why.
+    """Return the plan to run next, or None, and the reason.
 
-    ``left`` is the remaining budget (min), ``done`` are the plans so far. A run with a predicted decision is made only
-    once: if it did not decide, a repetition would not either. A run with a smaller gap is repeated as often as
-    necessary, if a few runs are enough and fit into the budget.
+    ``left`` is the remaining budget (min), ``done`` are the plans so far. A run that is predicted to decide is made
+    only once, because a repetition would not decide either. A run with a smaller BIC gap is repeated if a few runs are
+    enough and fit into the budget.
     """
     if finding.verdict not in UNDECIDED:
         return None, f"a verdict was reached: {'suspected' if finding.suspected else finding.verdict}"
@@ -245,7 +245,9 @@ def _decide(
     diagnose: Callable[[Sequence[Path]], Finding],
     display: ProgressDisplay,
 ) -> str:
-    """Run and diagnose, with each step in the ``log``, until no useful run is left; return the reason."""
+    """Run plans and diagnose their records until no useful run is left. Store each step in the ``log``; return the
+    reason of the end.
+    """
     records: list[Path] = []
     attempts = 0
     programme, why = first, "to see where the model is wrong"
@@ -291,7 +293,9 @@ def _decide(
 
 
 def _computed_while_connected(session: Session, work: Callable[[], T]) -> T:
-    """Return the result of ``work``; meanwhile keep the connection, which a rig closes after a silent minute."""
+    """Return the result of ``work``. Meanwhile the connection is used, because a rig closes it after a minute without
+    messages.
+    """
     if session.virtual:
         return work()
     with ThreadPoolExecutor(1) as pool:

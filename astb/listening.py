@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 class Listening:
     """One connection to the rig of ``wiring``; it does not disturb the commander.
 
-    As a context manager it is open during the block, and raises an error at the end if the connection was lost.
+    In a ``with`` statement, it is open during the block. The end of the block raises an error if the connection was
+    lost.
     """
 
     def __init__(self, wiring: "Wiring", clock: "Clock", within: float) -> None:

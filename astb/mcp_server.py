@@ -30,7 +30,7 @@ ROWS: Final = 2000
 
 
 class RunReader:
-    """The tools of the server, for the runs in ``folder``. RecordError if it is not a folder."""
+    """The tools of the server, for the runs in ``folder``. Raises RecordError if it is not a folder."""
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._index = folder, RunIndex(folder)
@@ -85,14 +85,14 @@ class RunReader:
             return dict(_plain(found))
 
     def _place(self, run: str) -> Path:
-        """Return the folder of a run; RecordError for any other name, so that nothing else can be read."""
+        """Return the folder of a run. Raises RecordError for any other name, so that nothing else can be read."""
         if not self._index.runs(directory=run):
             raise RecordError(f"no run {run!r} in {self._folder}; list_runs returns the directories")
         return self._folder / run
 
 
 def mcp_server(folder: Path) -> MCPServer:
-    """Return the server of the runs in ``folder``. RecordError if it is not a folder."""
+    """Return the server of the runs in ``folder``. Raises RecordError if it is not a folder."""
     reader = RunReader(folder)
     server = MCPServer("astb", instructions="Recorded runs of a test bench for air springs.")
     reads = ToolAnnotations(read_only_hint=True, open_world_hint=False)
@@ -110,7 +110,9 @@ def mcp_server(folder: Path) -> MCPServer:
 
 
 def _with_messages(tool: Callable[..., Any]) -> Callable[..., Any]:
-    """Return ``tool`` with errors whose messages reach the client; the library hides those of other errors."""
+    """Return ``tool`` with its known errors raised as ToolError. The library does not send the messages of other errors
+    to the client.
+    """
 
     @wraps(tool)
     def answering(**arguments: Any) -> Any:

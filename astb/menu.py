@@ -1,4 +1,4 @@
-"""The separating plans as experiments: their motions of the springs, computed before the bench runs them."""
+"""The plans of the menu as experiments: the motions of the springs, computed before the bench runs them."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from test_plans.programmes.perform import lasts
 from test_plans.programmes.trajectory import RATE, trajectory
 from test_plans.specimen import Specimen, ordinary
 
-#: Temperature of the gas at the time its valves close: that of the hall.
+#: Temperature of the gas (K) when the valves close: the temperature of the hall.
 TEMPERATURE: Final = 293.15
 #: Accelerations of faster motion cannot be computed accurately from a record.
 BANDWIDTH: Final = 16 * Hz
@@ -24,7 +24,7 @@ BANDWIDTH: Final = 16 * Hz
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """A plan of the menu, with the predicted BIC gap between the rival causes from all its runs."""
+    """A plan of the menu, with its duration, and the predicted BIC gap between the rival causes from all its runs."""
 
     plan: str
     minutes: float
@@ -34,10 +34,9 @@ class Offer:
 def experiments(
     menu: Mapping[str, Programme], specimen: Specimen | None = None, rig: Description | None = None
 ) -> tuple[Experiment, ...]:
-    """Return every run of every plan on a ``specimen`` and a ``rig`` (default: the bench's own), with the names of
-    records.
+    """Return the experiments of all runs of all plans on a ``specimen`` and a ``rig``, by default those of the bench.
 
-    Each has its share of the plan's time as cost.
+    They have the names of the runs in records. The cost of each is its share of the duration of the plan (min).
     """
     spring, built = specimen or ordinary(), rig or ours()
     return tuple(run for programme in menu.values() for run in _runs(programme, spring, built))
@@ -67,7 +66,7 @@ def _runs(programme: Programme, spring: Specimen, rig: Description) -> Iterator[
 def planned(
     name: str, spring: Specimen, rig: Description, load: str, stretch: Stretch, cost: float
 ) -> Experiment:
-    """Return a stretch under a load as an experiment with this cost in minutes."""
+    """Return the experiment for a motion of the springs (``stretch``) under a load; ``cost`` is in minutes."""
     asked = trajectory(stretch, rig)
     still = np.zeros_like(asked.time)
     heights = {side: _band_limited(height) for side, height in asked.heights.items()}
@@ -106,7 +105,9 @@ def _band_limited(asked: Array) -> Array:
 
 
 def _pressure(spring: Specimen, load: str, height: float) -> float:
-    """Return the gauge pressure at a ``height`` of a spring that was closed with its load at design height."""
+    """Return the gauge pressure (Pa) of a closed spring at ``height`` (m). It was closed at design height under its
+    load.
+    """
     volume = spring.bellows_volume + spring.auxiliary_volume
     filled = spring.load(load).fill_pressure + ATMOSPHERE
     absolute = filled * volume / (volume + spring.effective_area * height)

@@ -1,4 +1,4 @@
-"""Messages of a run to users elsewhere, at a question and at the end, to a command or to a webhook."""
+"""Messages of a run at each question and at the end, sent to a command or to a webhook."""
 
 import shlex
 import shutil
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from bench_records.result import Result
     from test_plans.operator import Answer, Operator, Question, QuestionBox
 
-#: A message that is not accepted by then is dropped: neither the run nor its program waits longer.
+#: Time limit for sending a message. Later it is dropped, so that neither the run nor its program waits.
 WITHIN: Final = 10 * s
 _SCHEMES: Final = ("http", "https")
 #: Largest number of failed checks that are named.
@@ -124,7 +124,7 @@ def _webhook(to: str, elsewhere: bool) -> Webhook:
         raise MessageError(
             f"{to} is another machine, which would receive test data; to allow this, give --message-elsewhere"
         )
-    # The address that was looked at: a name may mean another one in a moment.
+    # The checked address, because the next look-up of the name may give another one.
     return Webhook(url, min(found, key=len) if url.scheme == "http" else host)
 
 

@@ -39,7 +39,8 @@ class AnswersFileError(ValueError):
 
 
 class SimulatedHand:
-    """Performs deeds of an operator on a simulated rig, such as ``estop on``; ``estop`` is the name of a fault.
+    """Performs manual actions of an operator on a simulated rig, such as ``estop on``; ``estop`` is the name of a
+    fault.
 
     ``order`` sends the rig an order of its fault panel and returns the answer.
     """
@@ -76,7 +77,9 @@ class SimulatedHand:
 
 
 class Terminal(QuestionBox):
-    """An operator at a terminal: questions are printed, answers are lines; the first letters are enough."""
+    """An operator at a terminal. Questions are printed; an answer is a line with the first letters of a permitted
+    answer.
+    """
 
     def __init__(self, console: Console, lines: TextIO) -> None:
         super().__init__()
@@ -147,8 +150,8 @@ class Terminal(QuestionBox):
 
 
 def read_answers(path: Path) -> Script:
-    """Return the answers in a TOML file: ``"text of the question, or its deed" = "answer"``, ``*`` for anything. Raises
-    AnswersFileError for a file in another format.
+    """Return the answers in a TOML file: ``"text of the question, or its manual action" = "answer"``. ``*`` stands for
+    any text. Raises AnswersFileError for a file in another format.
     """
     with file_errors(f"answers {path}", AnswersFileError):
         content = read_toml(path)
@@ -175,9 +178,10 @@ def operator_for(answers: str | None, console: Console) -> Operator:
 
 
 def with_hand(operator: Operator | None, hand: Operator | None) -> Operator:
-    """Return the operator for a rig that may have a simulated ``hand``.
+    """Return the operator for a rig. A simulated rig has a ``hand`` that performs manual actions.
 
-    Prepared answers have priority. An operator at a terminal cannot change a simulated rig, so its hand answers first.
+    Prepared answers have priority over the hand. The hand answers before an operator at a terminal, who cannot change a
+    simulated rig.
     """
     both = (operator, hand) if isinstance(operator, Script) else (hand, operator)
     return FirstOf(*filter(None, both))

@@ -100,7 +100,7 @@ class CommandGroup(click.Group):
         return command
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Put the default command before options that begin the arguments."""
+        """Insert the default command if the arguments begin with an option, or if there are none."""
         option = bool(args) and args[0].startswith("-") and args[0] not in ctx.help_option_names
         if self.default and (option or not (args or ctx.resilient_parsing)):
             args = [self.default, *args]
@@ -176,7 +176,7 @@ class CommandLine(CommandGroup):
 
 @cache
 def offers() -> dict[str, dict[str, str]]:
-    """Return the entry points of other packages: by command name, then package, the module.
+    """Return the entry points of other packages: the module by command name and package.
 
     They are read without `importlib.metadata`, because its import alone would double the time of `astb --help`.
     """

@@ -25,7 +25,7 @@ class Blocked(Exception):
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add `--rig` and `--rig-records`: the rig, and the folder of its records."""
+    """Add the options `--rig`, `--rig-records` and `--plan-set`."""
     group = parser.getgroup("astb", "test bench for air springs")
     group.addoption(
         "--rig",
@@ -88,9 +88,10 @@ def bench(request: pytest.FixtureRequest) -> "Iterator[Bench]":
 
 @pytest.fixture
 def run(bench: "Bench", request: pytest.FixtureRequest, tmp_path: Path) -> "Callable[..., Result]":
-    """Run a plan on `bench`, by its name or itself, and return its result: `run("aw0")`; BLOCKED if none was judged.
+    """Run a plan on `bench`, given by its name or as an object, and return its result: `run("aw0")`. Raises Blocked
+    without a verdict.
 
-    What the plan asks its operator is answered beforehand: `run(plan, {"press the emergency stop*": "done"})`.
+    Answers to the questions of the plan are given with it: `run(plan, {"press the emergency stop*": "done"})`.
     """
     from astb.api import run_plan
     from bench_records.result import Outcome
@@ -144,7 +145,7 @@ def pytest_runtest_makereport(
     report = yield
     error = call.excinfo.value if call.excinfo and item.stash.get(_ASKED, False) else None
     if report.failed and error and (why := _whose_fault(error)):
-        # As text, so that it also comes home from the workers of pytest-xdist.
+        # As text, so that the workers of pytest-xdist can send it, too.
         report.blocked = why  # type: ignore[attr-defined]
         report.longrepr = f"blocked by {why}"
     elif report.failed and error and _is_misuse(error):

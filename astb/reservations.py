@@ -23,7 +23,7 @@ Moment = Annotated[datetime, msgspec.Meta(tz=True)]
 
 
 class NotReserved(BenchError):
-    """An impossible reservation, or one that refuses a run; the text has three parts."""
+    """A reservation is impossible, or a reservation of another operator blocks a run. The text has three parts."""
 
 
 class Reservation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -40,12 +40,14 @@ class Reservation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return f"the reservation of {self.by} from {start:%Y-%m-%d %H:%M} until {until}"
 
     def overlaps(self, start: datetime, end: datetime) -> bool:
-        """Return whether it has an instant in common with the time from ``start`` until before ``end``."""
+        """Return whether the reservation overlaps the time from ``start`` until before ``end``."""
         return self.start < end and start < self.end
 
 
 def reservations(rig_file: Path) -> list[Reservation]:
-    """Return the present and future reservations of the rig of this file, in order. NotReserved for an invalid file."""
+    """Return the present and future reservations of the rig of this file, in order. Raises NotReserved for an invalid
+    file.
+    """
     path = reservations_folder(rig_file) / _FILE
     try:
         found = msgspec.json.decode(path.read_bytes(), type=list[Reservation])
@@ -57,7 +59,7 @@ def reservations(rig_file: Path) -> list[Reservation]:
 
 
 def reserve(rig_file: Path, new: Reservation) -> None:
-    """Add a reservation. NotReserved if its texts or times are invalid, or if it overlaps another one."""
+    """Add a reservation. Raises NotReserved if its texts or times are invalid, or if it overlaps another one."""
     if not new.by.strip() or not all(
         len(text) <= _TEXT_MAX and text.isprintable() for text in (new.by, new.purpose)
     ):
@@ -89,7 +91,7 @@ def cancel(rig_file: Path, start: datetime) -> None:
 
 
 def reserved_for_others(rig_file: Path, by: str, lasts: float) -> list[Reservation]:
-    """Return the reservations of others that a run of ``by`` would meet if it began now and took ``lasts`` s."""
+    """Return the reservations of others that overlap a run of ``by`` that begins now and takes ``lasts`` s."""
     now = datetime.now(UTC)
     end = now + timedelta(seconds=max(lasts, 1.0))
     return [

@@ -15,9 +15,9 @@ from bench_protocol.suggestion import did_you_mean
 from bench_sim.rig.spring_fmu.keys import SpringMap
 from drivers.wiring.astb.keys import Can, Modbus
 
-#: The kind of its named files, and the folder of a user's own rigs.
+#: The kind of the named rig files, and the folder of a user's own rigs.
 PACKAGE: Final = "rigs"
-#: The default of commands: it simulates in real time.
+#: The default rig of commands, which is simulated in real time.
 ORDINARY: Final = ORDINARY_RIG
 #: The name of a rig file in the folder of a rig.
 RIG: Final = OF_A_RIG[PACKAGE]
@@ -43,7 +43,7 @@ class SimulatedCan(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class FaultEntry(msgspec.Struct, forbid_unknown_fields=True, frozen=True, rename={"lasting": "for"}):
-    """A fault of a simulated rig, from a time on and for a time, or from the start to the end."""
+    """A fault of a simulated rig. It begins at a time and lasts for a time, by default from the start to the end."""
 
     name: str
     at: str = "0 s"  #: of the rig's time, which begins when it starts
@@ -57,9 +57,9 @@ class Simulation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     parameters: str = "astb"  #: name of a parameter set, or the path of its TOML file or of a model file
     seed: Annotated[int, Meta(ge=0, le=SEED_MAX)] = 0
     late_ticks: Literal["catch_up", "skip", "fault"] = "catch_up"
-    change: dict[str, Any] = {}  #: over those of the set, each with its unit: orifice_diameter = "18 mm"
+    change: dict[str, Any] = {}  #: override those of the set, each with its unit: orifice_diameter = "18 mm"
     effects: dict[str, Any] = {}  #: additional effects of the bench: "leak.left" = "0.2 mm2"
-    limits: tuple[dict[str, Any], ...] = ()  #: over the assumed ones: `astb rig limits`
+    limits: tuple[dict[str, Any], ...] = ()  #: override the assumed ones: `astb rig limits`
     sealed: str = ""  #: path of a file with sealed effects, which are not shown
     spring: str = ""  #: path of an FMU that computes the springs
     spring_map: SpringMap = SpringMap()  #: the map of its variables
@@ -68,7 +68,7 @@ class Simulation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class RigFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """One rig."""
+    """The content of a rig file: addresses and simulation of one rig, and the paths of its other files."""
 
     name: str
     description: str = ""
@@ -79,8 +79,8 @@ class RigFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     amplitude_control: bool = (
         False  #: repeat waves and tracks with a corrected command until they are reached
     )
-    like: str = ""  #: name or path of the rig from which it inherits the files that its folder lacks
-    # Paths of its other files, which `read` finds; as keys of the file they are a form of version 0.1.
+    like: str = ""  #: name or path of the rig from which this rig inherits the files that its folder lacks
+    # Paths of the other files of the rig, which `read` finds. As keys of the rig file, they are a form of version 0.1.
     instruments: str = ""
     dimensions: str = ""
     wiring: str | dict[str, Any] = (
@@ -166,7 +166,7 @@ def read(path: Path) -> RigFile:
 def _files_of_rig(
     path: Path, like: str, above: tuple[Path, ...] = ()
 ) -> tuple[dict[str, Path], dict[str, Path]]:
-    """Return the other files of the rig at ``path`` by their keys: its own, and those of the rig it is ``like``.
+    """Return the other files of the rig at ``path`` by their keys: its own, and those inherited from the rig ``like``.
 
     A copy of the virtual bench's wiring counts as no wiring: a rig without a wiring has our messages and registers.
     """

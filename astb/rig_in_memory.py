@@ -34,7 +34,7 @@ _NEVER: Final = 2**62
 
 
 class RigInMemory:
-    """A ``rig`` that ticks while its ``clock`` passes, and any number of ports to it.
+    """A ``rig`` that runs while its virtual ``clock`` advances, and any number of ports to it.
 
     Ports receive each other's frames as on a real bus. The rig knows the sender of each frame and which ports are
     closed, as with a hub. ``run`` replaces ``rig.run`` if a caller changes the rig between ticks.
@@ -102,7 +102,7 @@ class RigInMemory:
             port.receive(block)
 
     def relay(self, block: Block, peer: str) -> None:
-        """Deliver frames to every port but that of their sender."""
+        """Deliver frames to every port except that of their sender."""
         for port in self._ports:
             if port.name != peer:
                 port.receive(block)
@@ -124,7 +124,7 @@ class RigInMemory:
             self.rig.peer_lost(port.name)
 
     def answer(self, request: bytes, peer: str) -> bytes:
-        """Return the answer of the rig after its faults and delay; empty if there is none."""
+        """Return the answer of the rig to a Modbus request, after its faults and delay; b"" if there is none."""
         if "modbus" in self.shut:
             return b""
         filtered = self.rig.faults.points.modbus
@@ -151,7 +151,9 @@ class RigInMemory:
                 self.rig.peer_lost(client.name)
 
     def stream(self, cycle: "Cycle", stream: "CyclicStream", port: "_CanPort") -> "Task | None":
-        """Send the frames of ``cycle`` from ``port`` at the times of ``stream``; None if another port does so."""
+        """Send the frames of ``cycle`` from ``port`` at the times of ``stream``. Return None if another port sends in
+        cycles.
+        """
         if self._stream is not None:
             return None
         self._stream = _Stream(self, cycle, stream, port)
@@ -215,7 +217,9 @@ class RigInMemory:
             self._pass_cycle(stream, last)
 
     def _pass_cycle(self, stream: "_Stream", last: int) -> None:
-        """Advance the rig to the next cycle of the stream, which then sends, or to ``last`` before it."""
+        """Advance the rig to the next cycle of the stream, and send its frames; only to ``last`` if the cycle is
+        later.
+        """
         self._pass_to(min(stream.due, last))
         if stream.due <= last:
             stream.send()
@@ -243,7 +247,7 @@ def _number(name: str) -> int:
 
 
 class _Wire:
-    """One of the two buses of a rig in memory, for its faults."""
+    """One of the two buses of a rig in memory, CAN or Modbus, which faults can cut."""
 
     def __init__(self, memory: RigInMemory, wire: str) -> None:
         self._memory, self._wire = memory, wire
@@ -309,7 +313,7 @@ class _CanPort(InMemoryCan):
         self.local_ports = {_number(name)}
 
     def send_cyclic(self, cycle: "Cycle", stream: "CyclicStream") -> "Task | None":
-        """Send the frames of ``cycle`` at the times of ``stream``; None if another port does so."""
+        """Send the frames of ``cycle`` at the times of ``stream``. Return None if another port sends in cycles."""
         return self._memory.stream(cycle, stream, self)
 
     def close(self) -> None:

@@ -61,7 +61,7 @@ _LIBRARIES: Final = ("numpy", "numba", "pymodbus", "python-can")
 class Keeping:
     """Additional options of a run: operator, ambient conditions, recording of all CAN frames, printing of the report.
 
-    Also the receivers of messages at questions and at the end, and whether a twin watches the run.
+    Also the receivers of messages at questions and at the end, and whether the rig is compared with its model (twin).
     """
 
     operator: str = ""
@@ -95,7 +95,7 @@ def run_plans(
     ``ended`` is called with the result and the directory of each run.
 
     The default of ``specimen`` is the bench's own; ``operator`` answers questions. In real time the plans share one
-    session with the rig, and a plan that is blocked, or whose tear-down is, is the last one. In virtual time each
+    session with the rig, and no further plan runs after a blocked plan or tear-down. In virtual time each plan
     starts with a new session, so that the results do not depend on earlier plans.
     """
     is_virtual = virtual or rig.time == "virtual"
@@ -132,7 +132,7 @@ def _turn(
 ) -> Iterator[None]:
     """Enter the queue of the rig, and wait for the turn if ``keeping`` requests it.
 
-    NotReserved, without waiting, if the plans would meet a reservation of another operator.
+    If it does not, raises NotReserved if the plans would overlap a reservation of another operator.
     """
     by, lasts = keeping.operator or getpass.getuser(), sum(plan.lasts for plan in plans)
 
@@ -281,7 +281,7 @@ def _live(
 
 
 def box_of(operator: "Operator | None") -> QuestionBox | None:
-    """Return the box in which questions to this operator wait; None if the operator has none."""
+    """Return the box in which questions wait until this operator answers; None if the operator has no box."""
     return operator if isinstance(operator, QuestionBox) else None
 
 
@@ -335,7 +335,7 @@ def _sessions(
 
 @contextmanager
 def held_by_keyboard() -> Iterator[Suspension]:
-    """Hold the run on Ctrl-Z at the next hold point of its plan; a second Ctrl-Z continues it.
+    """Yield a suspension: Ctrl-Z holds the run at the next hold point of its plan, a second Ctrl-Z continues it.
 
     Only the main thread can receive the signal.
     """
@@ -363,7 +363,7 @@ def connected(session: Session) -> Iterator[None]:
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """Keep collections of garbage short while the block lasts.
+    """Keep garbage collections short during the block.
 
     With the drawing of an earlier report in memory a full collection takes more than 100 ms, in which no command
     leaves this process: the rig would hold. Existing objects are excluded; few new ones appear.
@@ -376,7 +376,9 @@ def undisturbed() -> Iterator[None]:
 
 
 def describe(session: Session, rig: RigFile) -> dict[str, Any]:
-    """Return the origin of a record; for a virtual run without anything that changes from day to day."""
+    """Return the metadata on the origin of a record. For a virtual run they contain nothing that changes from day to
+    day.
+    """
     facts: dict[str, Any] = {
         "rig": rig.name,
         "rig_description": rig.description,

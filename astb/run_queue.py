@@ -1,7 +1,7 @@
 """The queue of runs on one rig: a folder of tickets, each locked by the process that waits or runs.
 
-A lock ends with its process, so a ticket without one is void. The folder belongs to one user of this machine, like the
-door of a run (`astb.live.door`). The rig still decides who commands it: the queue only orders the runs.
+A lock ends with its process, so a ticket without a lock is void. The folder belongs to one user of this machine, like
+the control socket of a run (`astb.live.door`). The rig still decides who commands it: the queue only orders the runs.
 """
 
 import os
@@ -80,7 +80,7 @@ def queued(
 
 
 def _tickets_before(folder: Path, mine: Path) -> list[Ticket]:
-    """Return the valid tickets before ``mine``, the first with the rig; remove void ones."""
+    """Return the valid tickets before ``mine``; the first one has the rig. Remove tickets without a lock."""
     found = []
     with locked(folder):
         for path in sorted(one for one in folder.glob("[0-9]*") if one.name < mine.name):
@@ -93,7 +93,7 @@ def _tickets_before(folder: Path, mine: Path) -> list[Ticket]:
 
 
 def wait_while(look: Callable[[], list[T]], told: Callable[[list[T]], None]) -> None:
-    """Wait until ``look`` returns nothing; ``told`` gets each other result that differs from the last one."""
+    """Wait until ``look`` returns an empty list. ``told`` gets each result that differs from the one before."""
     clock, before = RealClock(), list[T]()
     while now := look():
         if now != before:

@@ -1,4 +1,4 @@
-"""Brings a rig and a bench together: in memory and virtual time, or over the wires and in real time."""
+"""Connects a bench with a rig: in memory and virtual time, or over CAN and Modbus in real time."""
 
 import contextlib
 import subprocess
@@ -62,7 +62,7 @@ class Session:
     seed: int | None
     wiring: "Description | None" = None  #: of a rig that does not use our protocol
     listen: "Callable[[], CanPort] | None" = (
-        None  #: opens another port of the CAN bus, which hears all the others
+        None  #: opens another port of the CAN bus, which receives the frames of all others
     )
 
 
@@ -320,7 +320,9 @@ def answers(rig: RigFile) -> bool:
 def started(
     simulation: Simulation, path: Path, seed: int | None, say: Callable[[str], None]
 ) -> Iterator[None]:
-    """Run ``astb rig`` for ``path``, with the ``simulation``, in its own process while the block lasts."""
+    """Run ``astb rig`` for ``path``, with the ``simulation``, in its own process during the block. ``say`` gets its
+    ready line.
+    """
     with start_rig(simulation, path, seed, subprocess.PIPE) as process:
         try:
             say(ready_line(process))
@@ -333,8 +335,8 @@ def started(
 
 
 def start_rig(simulation: Simulation, path: Path, seed: int | None, lifeline: int) -> subprocess.Popen[str]:
-    """Start ``astb rig`` in its own process; it ends when all holders of the other end of ``lifeline`` have closed
-    it.
+    """Start ``astb rig`` in its own process, with ``lifeline`` as standard input. The rig ends when all holders of the
+    other end of this pipe have closed it.
     """
     command = [sys.executable, "-m", "astb", "rig", "--rig", str(path), "--until-eof"]
     command += ["--model", simulation.parameters]
@@ -369,5 +371,5 @@ def ready_line(process: subprocess.Popen[str]) -> str:
     raise error(f"the rig could not be started: {reason}")
 
 
-#: The data on the wires for the record.
+#: Hash of the signal map, for records.
 MAP_HASH: Final = f"{TABLE.map_hash:08x}"

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 #: A limit that no value breaks; the number of the limit is added to it.
 _WIDE: Final = 1e12
-#: The plan that judges a load case at large.
+#: The plan that judges a load case as a whole.
 _PLANS: Final = {"AW0": "aw0", "AW3": "aw3"}
 _DIGITS: Final = 4
 #: Key of a value: load case, limit and place on its curve (SI; None without a curve).
@@ -43,7 +43,7 @@ _GIVEN: Final = "given to `astb copy specimen`"
 class Asked:
     """The changes to the specimen ``base``: preloads (N) by load case, and values of the drawing (SI).
 
-    ``plans`` run in addition to that of each load case.
+    ``plans`` run in addition to the plan of each load case.
     """
 
     base: str = ORDINARY
@@ -86,7 +86,7 @@ def new_specimen(
 def derive(asked: Asked, target: Path, say: Callable[[str], None]) -> list[str]:
     """Write a specimen with derived limits to a file; return the limits that no plan measured, which are left out.
     Raises SpecimenError for names that are not in the base, for contradictions, and for a plan that does not run with
-    it.
+    the new specimen.
     """
     content = read_toml(place_of(PACKAGE, asked.base))
     base = read_specimen(asked.base)

@@ -1,4 +1,4 @@
-"""Vertical stiffness and damping at the frequencies of the checks, from any motion of the springs with such sines.
+"""Vertical stiffness and damping at the frequencies of the checks, from motions of the springs with sines.
 
 `aw0`, `aw3` and `dynamic_stiffness` measure them: K' and c of a sine of 5 mm at each frequency of the specimen's file.
 """
@@ -22,13 +22,13 @@ from test_plans.programmes.motions import Stretch, Wave
 from test_plans.specimen import Specimen, ordinary
 from test_plans.steps.shaking import AMPLITUDE
 
-#: A sine is measured over so long, and no less than two cycles; before it as long again passes, next to fading in.
+#: A sine is measured for this time, at least for two cycles. It lasts as long before this, in addition to fading in.
 MEASURED: Final = 1 * s
-#: Relative, of the amplitude: the frame is compliant.
+#: Permitted relative error of the amplitude, because the frame is compliant.
 NEAR: Final = 0.1
-#: More than this part of the motion is something else: no sine, or one that fades in or out.
+#: Permitted share of other motion in a sine. A larger share means no sine, or one that fades in or out.
 DISTORTED: Final = 0.02
-#: A stretch is as good as the best one if so many times as much of it, and rounding, is something else.
+#: A part is as good as the best one if its share of other motion is at most so many times as large, plus rounding.
 AS_GOOD: Final = 1.1
 ROUNDING: Final = 1e-5
 
@@ -43,13 +43,15 @@ class StiffnessChecks:
         )
 
     def states(self, nuisance: str) -> bool:
-        """Return whether a nuisance is an offset of a sensor: the initial state of a planned experiment is not
-        measured.
+        """Return whether ``nuisance`` is the offset of a sensor. Planned experiments are free of this error, because
+        their initial state is not measured.
         """
         return nuisance.endswith(".offset")
 
     def figures(self, experiment: Experiment, outputs: Mapping[str, Array]) -> Figures:
-        """Return K' and c of each sine in an experiment, from the load cells in ``outputs``."""
+        """Return K' (kN/m) and c (kN s/m) of each sine in an experiment, by name and unit, from the load cells in
+        ``outputs``. Frequencies without a steady sine are missing.
+        """
         load = self._load(experiment)
         try:
             force = 0.5 * upward_force(outputs, self._rig)
@@ -111,7 +113,9 @@ def _shut(experiment: Experiment) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
 
 
 def sine_in(motion: Array, step: float, frequency: float) -> slice | None:
-    """Return the last stretch of ``motion`` (n,) that is a steady sine of `AMPLITUDE`; None if there is none."""
+    """Return the last part of ``motion`` (n,) that is a steady sine of `AMPLITUDE`; None if there is none. ``step`` is
+    in s.
+    """
     size = round(_cycles(frequency) / frequency / step)
     if len(motion) < size:
         return None

@@ -1,7 +1,7 @@
-"""A run with its twin: `astb watch` runs in its own process, so that the run never waits for it.
+"""A run with its twin, the model that is compared with it: `astb watch` in its own process, for which no run waits.
 
-Exception: a plan that reads the twin in virtual time waits while its clock stands, because the twin is slower than the
-simulated rig.
+There is one exception. In virtual time, a plan that reads the twin waits with a stopped clock, because the twin is
+slower than the simulated rig.
 """
 
 import subprocess
@@ -18,13 +18,13 @@ from bench_records.layout import RecordError
 from bench_records.twin import TWIN, Deviation, TwinStory, read_twin
 from test_plans.run import NoTwin, TwinState
 
-#: So long (s) the twin may take for its last look after the run has ended, and to come after a virtual run.
+#: Time limit (s) of the twin for its last results after the end of a run, and for each result in a virtual run.
 _PATIENCE: Final = 120.0
-#: A twin that uses no processor time for this long (s) is stopped or waits in vain.
+#: A twin without any processor time for this time (s) is stopped, or waits for an event that does not occur.
 _STILL: Final = 10.0
 #: After this time (s) a user who waits for the end of the run gets the reason.
 _QUIET: Final = 3.0
-#: A virtual run waits until the twin has seen all but the last s, and looks every so many s whether it has.
+#: A virtual run waits until the twin is at most this time (s) behind, and the interval (s) of its checks.
 _BEHIND: Final = 2.0
 _AGAIN: Final = 0.1
 #: Largest delay (s) of the report of a deviation during a run, after the twin has stored it.
@@ -32,7 +32,7 @@ _NEWS: Final = 0.5
 
 
 class _Pulse:
-    """Detects whether a process works: its processor time grows."""
+    """Detects whether a process works, by the growth of its processor time."""
 
     def __init__(self, process: "subprocess.Popen[str]") -> None:
         self._stat, self._wall = Path(f"/proc/{process.pid}/stat"), RealClock()
@@ -40,7 +40,9 @@ class _Pulse:
 
     @property
     def still(self) -> bool:
-        """Whether it has not worked for `_STILL` since the first request; False if the system does not report it."""
+        """Whether the process has used no processor time for `_STILL` s. False if the system does not report this
+        time.
+        """
         with suppress(OSError):
             fields = self._stat.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
             if (spent := " ".join(fields[11:13])) != self._spent:
@@ -50,7 +52,7 @@ class _Pulse:
 
 
 class RunTwin:
-    """The twin of the run that writes into ``directory``, as its plan sees it; ``clock`` is that of its bench."""
+    """The twin of the run in ``directory``, in the form that the plan reads. ``clock`` is that of the bench."""
 
     def __init__(self, twin: "subprocess.Popen[str]", directory: Path, clock: Clock) -> None:
         self._twin, self._directory, self._clock = twin, directory, clock
@@ -65,7 +67,9 @@ class RunTwin:
 
     @property
     def deviation(self) -> Deviation | None:
-        """The present deviation of rig and model; None if they agree."""
+        """The present deviation of rig and model; None if they agree. In virtual time, this waits for the results of
+        the twin.
+        """
         story = self._caught_up() if self._virtual else self.story()
         return story.present_deviation if story is not None else None
 
@@ -97,14 +101,14 @@ def _is_searched(story: TwinStory) -> bool:
 
 @contextmanager
 def watched(directory: Path, wanted: bool, clock: Clock, warn: Callable[[str], None]) -> Iterator[TwinState]:
-    """Run a twin of the run that writes into ``directory`` during the block, and ``warn`` of its findings.
+    """Run a twin of the run that writes into ``directory`` during the block, and pass its findings to ``warn``.
 
-    It ends by itself with the run. A failure of the twin does not affect the run.
+    The twin ends by itself with the run. A failure of the twin does not affect the run.
     """
     if not wanted:
         yield NoTwin()
         return
-    # In its own session: Ctrl-C ends the plan, and the twin sees the end of it.
+    # In its own session: Ctrl-C ends the plan, and the twin detects this end.
     twin = subprocess.Popen(
         [sys.executable, "-m", "astb", "watch", str(directory)],
         stdin=subprocess.DEVNULL,
@@ -137,7 +141,7 @@ class _News:
         self._thread.join()
 
     def report(self, story: TwinStory, *, final: bool) -> None:
-        """Warn of changes in ``story``; ``final``: of each changed sentence."""
+        """Warn of each deviation that is new or has another kind; with ``final``, also of each changed sentence."""
         for one in story.all_deviations:
             word = one.course[-1].word if one.course else ""
             before = self._reported.get(one.detected)

@@ -8,8 +8,8 @@
         subject = Subject(make=lambda: MyTransport(...), readable=("height",), written={"target": "target"})
         assert [str(result) for result in check_transport(subject) if result.breach] == []
 
-It needs a rig that answers, real or simulated, and writes only the given points. A rule is not checked if the subject
-lacks data for it (a point without a value, a way to cut the connection). The result then states the reason.
+The checks need a real or simulated rig that answers. They write only the given points. A rule is not checked if the
+subject lacks data for it (a point without a value, a way to cut the connection). The result then states the reason.
 """
 
 from __future__ import annotations
@@ -60,7 +60,9 @@ class Subject:
 
 @dataclass(frozen=True, slots=True)
 class RuleResult:
-    """One rule, and the breach of it; an empty ``breach`` means that the rule is kept."""
+    """Result of one rule. ``breach`` states how the rule was broken; it is empty if the rule was kept or not
+    checked.
+    """
 
     rule: str
     breach: str = ""
@@ -130,7 +132,9 @@ class _Bench:
 
 
 def check_transport(subject: Subject, only: str = "") -> list[RuleResult]:
-    """Return the result of every rule, or of those whose names begin with ``only``; a ``breach`` is a broken rule."""
+    """Check every rule, or those whose names begin with ``only``. Return the results; one with a ``breach`` is a broken
+    rule.
+    """
     results = []
     for rule in _RULES:
         name = (rule.__doc__ or "").rstrip(".")

@@ -1,1 +1,3 @@
-"""Campaigns: many cases of one question, on all cores or on a cluster; each result is stored when its case ends."""
+"""Campaigns: many cases, such as runs of plans with different parameters, on all cores or on a cluster. Each result is
+stored when its case ends.
+"""

@@ -27,7 +27,7 @@ class CampaignError(ValueError):
 
 
 class Variant(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """A rig that differs from the rig file in its simulation."""
+    """Changes to the simulation of the rig file, with a name."""
 
     name: str
     parameters: str = ""  #: name of a parameter set, or the path of its TOML file
@@ -37,7 +37,9 @@ class Variant(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class CampaignFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """The combined values: each plan with each choice of values, specimen, variant, change and seed."""
+    """Content of a campaign file. Each plan runs with each combination of values, specimen, variant, change and
+    seed.
+    """
 
     plans: Annotated[tuple[str, ...], Meta(min_length=1)]
     seeds: Annotated[int, Meta(ge=1)] | Annotated[tuple[Seed, ...], Meta(min_length=1)] = (
@@ -114,7 +116,9 @@ def _base(rig: str, home: Path) -> Simulation:
 
 
 def _path(name: str, home: Path) -> str:
-    """Return an absolute path for workers, which may run in another directory; names are unchanged."""
+    """Return the path of a TOML file as an absolute path, because workers may run in another directory. Names are
+    unchanged.
+    """
     return str((home / name).resolve()) if name.endswith(".toml") else name
 
 
@@ -124,7 +128,7 @@ def _values_for_plan(plan: str, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _choices(given: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """Yield every combination of the listed values."""
+    """Yield every combination of the values in lists, by name. A value that is not a list is in every combination."""
     lists = [value if isinstance(value, list) else [value] for value in given.values()]
     for chosen in product(*lists):
         yield dict(zip(given, chosen, strict=True))

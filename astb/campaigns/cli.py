@@ -116,7 +116,9 @@ def _command_line() -> str:
 
 
 def _write_page_and_workbook(rows: list[dict[str, Any]], out: Path) -> None:
-    """Write the page and the workbook of a campaign next to its rows, which are in their own directory."""
+    """Write the page and the workbook of a campaign next to ``out``, the directory of its rows, and print their
+    paths.
+    """
     page, book = (out.with_name(f"{out.name}.{ending}") for ending in ("html", "xlsx"))
     try:
         write_page(rows, page, out.name)

@@ -41,8 +41,9 @@ def carried_out(
     """Yield the result of each case, in the order of their ends.
 
     ``function``, ``prepare`` and the cases must be picklable. Each worker calls ``prepare`` once. ``limit`` (s) is the
-    time limit of a case, without ``prepare``. An exception, repeated crashes of a worker and a time limit give results
-    with an error. Raises ClusterError if scheduler or workers are gone. Closing the iterator cancels running cases.
+    time limit of a case, without ``prepare``. If a case raises an exception, crashes its worker repeatedly or exceeds
+    the limit, its result has an error. Raises ClusterError if scheduler or workers are gone. Closing the iterator
+    cancels running cases.
     """
     from cloudpickle import dumps  # pickles functions of a script, too
 
@@ -53,7 +54,7 @@ def carried_out(
     found: list[Finished] = []
     try:
         while True:
-            # One for each thread and no more: a case that waits behind one that kills its worker would be blamed too.
+            # Not more than one for each thread: a case that waits behind one that kills its worker would count as a cause.
             room = max(_threads(client), 1)
             while len(running) < room and (following := next(waiting, None)):
                 number, (key, case) = following
@@ -76,7 +77,9 @@ def carried_out(
 
 
 def _next(client: "Client", ended: "SimpleQueue[Future]") -> "list[Future]":
-    """Wait for a future that has ended; return it, and those that ended in the meantime."""
+    """Wait until a future has ended. Return it, and all others that have ended by then. Raises ClusterError if there
+    are no workers for a minute.
+    """
     found: list[Future] = []
     alone_since = None
     while not found:

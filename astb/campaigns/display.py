@@ -1,4 +1,4 @@
-"""Display of a campaign: a bar with the remaining time on a terminal, periodic lines through a pipe."""
+"""Display of a campaign: on a terminal a bar with the remaining time, otherwise a line every 10 s."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -18,12 +18,12 @@ from test_plans.discovery import plans
 
 #: Period of lines through a pipe.
 BETWEEN: Final = 10 * s
-#: Test time over computing time of one processor until a case is kept. 20 to 40 were measured, with the report's share.
+#: Ratio of test time to computing time of one processor, including the report. 20 to 40 were measured.
 SPEED: Final = 25.0
 
 
 class CampaignDisplay:
-    """Shows the progress of a campaign and every failed case; a ``watch`` for `run_cases`."""
+    """Shows the progress of a campaign and every failed case. It is the argument ``watch`` of `run_cases`."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -90,10 +90,11 @@ def cost(
     *,
     again: bool = False,
 ) -> str:
-    """Return a sentence about the ``cases`` that ``rows`` lack, on this number of ``processes`` (None: unknown).
+    """Return a sentence on the ``cases`` without a row in ``rows``: their number, test time and computing time.
 
-    The duration of a case is the median of the rows of its plan. For a plan without rows, its test time (s of the
-    bench) is divided by the speed of all rows, or by `SPEED`. With ``again``, failed cases also run.
+    ``processes`` is the number of processes that compute, None if unknown. The duration of a case is the median of the
+    rows of its plan. For a plan without rows, its test time (s of the bench) is divided by the speed of all rows, or by
+    `SPEED`. With ``again``, failed cases also run.
     """
     kept = {row["key"] for row in rows if not (again and row["error"])}
     left = [case.plan for key, case in cases.items() if key not in kept]

@@ -66,7 +66,7 @@ def kind_of(row: Row) -> Kind:
 
 
 def written(values: Any) -> str:
-    """Return parameters as text, without those that are not set; the table has a column for every parameter."""
+    """Return parameters as text, such as load=AW3. Parameters without a value (None) are left out."""
     return ", ".join(f"{name}={value}" for name, value in (values or {}).items() if value is not None)
 
 
@@ -118,7 +118,7 @@ def name_of(check: Mapping[str, Any]) -> str:
 
 
 def distributions(rows: Sequence[Row]) -> list[Distribution]:
-    """Return every check of every kind of case, in the order of the plans; the most frequent failures come first."""
+    """Return the distribution of every check over every kind of case, the largest share of failures first."""
     seen: dict[tuple[Kind, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         for check in row.get("checks") or ():

@@ -47,7 +47,7 @@ class KeptRows:
             raise
 
     def _take_over(self, without_errors: bool) -> None:
-        """Read the stored rows, and remove parts that a crash left incomplete."""
+        """Read the stored rows, remove parts that a crash left incomplete, and join all parts into one."""
         table = read_table(self.directory)
         for left in self.directory.glob(".part-*"):
             left.unlink()
@@ -177,7 +177,9 @@ def _bare(value: Any) -> Any:
 
 
 def _write(table: "pa.Table", path: Path) -> None:
-    """Write a part under a temporary name, and rename it when it is complete on the disk; KeptFailed if it fails."""
+    """Write a part under a temporary name, and rename it when it is complete on the disk. Raises KeptFailed if this
+    fails.
+    """
     import pyarrow.parquet as pq
 
     hidden = path.with_name(f".{path.name}")

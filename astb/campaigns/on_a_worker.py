@@ -38,9 +38,11 @@ class OutOfTime(BaseException):
 
 
 def carry_out(key: str, packed: bytes, limit: float | None) -> Finished:
-    """Return the result of a function for a case, within ``limit`` (s); a failure is a result too.
+    """Return the result of a function for a case, computed within ``limit`` (s). A failure gives a result with an
+    error.
 
-    ``packed`` is the pickle of function, case, and the preparation (once in each process, outside the limit) or None.
+    ``packed`` is the pickle of the function, the case, and a preparation or None. The preparation runs once in each
+    process, and its time does not count.
     """
     clock = RealClock()
     start = clock.now()
@@ -53,13 +55,13 @@ def carry_out(key: str, packed: bytes, limit: float | None) -> Finished:
             value = function(case)
     except OutOfTime:
         error = f"stopped after its time limit of {limit:g} s"
-    except BaseException as failure:  # a case that calls sys.exit must not take the worker with it
+    except BaseException as failure:  # a case that calls sys.exit must not end the worker
         error = in_words(failure)
     return Finished(key, value, error, (clock.now() - start) / NS, f"{platform.node()}:{os.getpid()}")
 
 
 def in_words(error: BaseException) -> str:
-    """Return type, place and text of an error on one line."""
+    """Return type, file, line and text of an error, on one line."""
     frames = traceback.extract_tb(error.__traceback__)
     place = f" at {Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
     return f"{type(error).__name__}{place}: {' '.join(str(error).split())}"
@@ -76,9 +78,10 @@ def _prepare(prepare: Callable[[], Any] | None) -> None:
 
 @contextmanager
 def limited(seconds: float | None) -> Iterator[None]:
-    """Raise OutOfTime in this thread if the block lasts longer; end the process if it still does not stop.
+    """Raise OutOfTime in this thread if the block lasts longer than ``seconds``. If it still does not stop, end the
+    process after `GRACE`.
 
-    The process is ended only if it has no other case: a process has only one such alarm.
+    The process is ended only if it computes no other case, because a process has only one such alarm.
     """
     if seconds is None:
         yield

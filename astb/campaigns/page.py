@@ -57,7 +57,9 @@ _COLORS: Final = {"fail": "#a8201a", "pass": "#00694e"}
 
 
 class Case(NamedTuple):
-    """A case in the table of a plan: its properties, its verdict, and each check, None if it has none of that name."""
+    """A case in the table of a plan: its properties, its verdict, and a cell for each check, None if the case lacks
+    this check.
+    """
 
     kind: Kind
     seed: Any
@@ -84,7 +86,7 @@ class Spread(NamedTuple):
 
 
 def write_page(rows: Sequence[Row], path: Path, name: str) -> None:
-    """Write the page of a campaign; it is self-contained. Raises NotKept if the disk fails."""
+    """Write the page of a campaign to ``path``, as one self-contained HTML file. Raises NotKept if the disk fails."""
     counted = Counter(map(verdict_of, failures_first(rows)))
     page = Document(
         f"Campaign {name}",
@@ -153,7 +155,7 @@ def _spread_section(spreads: Sequence[Spread]) -> Markup:
 
 
 def plan_tables(rows: Sequence[Row]) -> list[PlanTable]:
-    """Return for each plan its cases by its checks."""
+    """Return a table for each plan: its cases, each with a cell for every check."""
     return [
         PlanTable(plan, checks, [_case(row, checks) for row in own])
         for plan, own in by_plan(rows).items()
@@ -208,7 +210,7 @@ def _within(value: float, one: Distribution) -> bool:
 
 
 def write_workbook(rows: Sequence[Row], path: Path) -> None:
-    """Write the same as an Excel file: a sheet for each plan with cases by checks, and one with the distributions.
+    """Write the rows as an Excel file: a sheet for each plan with cases by checks, and one with the distributions.
     Raises NotKept if the disk fails. This needs the extra `excel`.
     """
     with kept(path), workbook(path) as book:

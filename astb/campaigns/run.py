@@ -61,12 +61,12 @@ def run_cases(
 
     The key of a case is its permanent name: a case with a stored key is not computed again, except failed cases with
     ``again``. A row has key, the result of ``facts`` for the case, the result of ``function`` (numbers, texts, lists
-    and dictionaries of them), error ("" if there is none), seconds and worker. It is in ``out`` as soon as the case has
-    ended.
+    and dictionaries of them), error ("" if there is none), seconds and worker. The row is stored as soon as the case
+    has ended.
 
     Workers are those of a ``client`` or of the ``scheduler`` at an address, else processes of this machine: one for
     each core, or ``workers``. `carried_out` explains ``limit`` and ``prepare``. Raises KeptError, before anything
-    starts, if ``out`` cannot be used. Raises ClusterError if the cluster is gone. After any interruption,
+    starts, if ``out`` cannot be used. Raises ClusterError if the cluster is lost. After any interruption,
     KeyboardInterrupt included, the same call continues with the remaining cases.
     """
     with KeptRows(Path(out), without_errors=again) as kept:

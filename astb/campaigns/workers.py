@@ -43,7 +43,7 @@ class ClusterError(RuntimeError):
 def cluster(scheduler: str | None = None, *, workers: int | None = None) -> Iterator["Client"]:
     """Yield a client of the ``scheduler`` (``tcp://host:port``), or of a local cluster that ends with the block.
 
-    The local one has a process for each core, or this number of ``workers``. Each has one thread, its share of the
+    The local cluster has a process for each core, or this number of ``workers``. Each has one thread, its share of the
     memory, and ports on 127.0.0.1 only. Raises ClusterError if the scheduler does not answer.
     """
     if not installed("campaign"):

@@ -13,7 +13,7 @@ Completer = Callable[[click.Context, click.Parameter, str], "list[CompletionItem
 
 
 def complete_from(names: Callable[[], Iterable[str]], *, files: bool = False) -> Completer:
-    """Return a completer for the ``names`` that begin with the user's text; it offers nothing if they are unavailable.
+    """Return a completer that offers the ``names`` that begin with the user's text; none if ``names()`` fails.
 
     With ``files`` the shell also offers files: bash if no name fits, other shells in addition to the names.
     """
@@ -59,14 +59,16 @@ complete_effects: Final = complete_from(_effect_names)
 
 
 def complete_settings(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-    """Offer ``NAME=`` for the parameters of the plans named before, and their choices."""
+    """Offer ``NAME=`` for the parameters of the plans on the command line, or ``NAME=CHOICE`` for each of their
+    choices.
+    """
     from test_plans.discovery import plans
 
     known = plans()
     named = (
         *(ctx.params.get("plans") or ()),
         *ctx.args,
-    )  # without its value yet, --set has kept click from the rest
+    )  # click has not read the rest, because --set has no value yet
     chosen = [known[name] for name in named if name in known]
     parameters = [one for plan in chosen for one in plan.parameters]
     texts = [f"{one.name}={choice}" for one in parameters for choice in (one.choices or ("",))]

@@ -1,4 +1,4 @@
-"""Orderly end of a command that moves or serves a bench, with a message, for each cause of the end."""
+"""Orderly end of a command that moves or serves a bench, when a signal ends it."""
 
 import signal
 from collections.abc import Callable, Iterator
@@ -21,14 +21,14 @@ def end_in_order() -> None:
 
 
 def _hung_up(number: int, _: object) -> NoReturn:
-    """End like Ctrl-C, only once, because the shell also reports a closed terminal during a tear-down."""
+    """End like Ctrl-C, but only once, because the shell can send this signal again during the tear-down."""
     signal.signal(number, signal.SIG_IGN)
     raise KeyboardInterrupt
 
 
 @contextmanager
 def ended_by(end: Callable[[str], object]) -> Iterator[None]:
-    """Call ``end`` with the name of the signal that is to end this process, while the block lasts."""
+    """During the block, call ``end`` with the name of each signal that would end this process."""
     before = {}
     for number in available_signals("SIGINT", "SIGTERM", "SIGQUIT", "SIGHUP"):
         if signal.getsignal(number) != signal.SIG_IGN or number.name != "SIGHUP":  # with nohup it continues

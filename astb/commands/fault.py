@@ -87,7 +87,7 @@ def off_command(name: str, rig_named: str | None, modbus_port: int | None) -> No
 
 
 def _send_order(rig_named: str | None, modbus_port: int | None, order: dict[str, Any]) -> Any:
-    """Return the answer of the rig to ``order``; end the command if there is no rig, or if it refuses."""
+    """Return the answer of the rig to ``order``. The command ends if there is no rig, or if the rig refuses."""
     from bench_sim.rig.control_socket import ask, control_path
 
     rig, path = read_rig(rig_named)

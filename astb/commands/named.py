@@ -183,12 +183,12 @@ KINDS: Final[Mapping[str, Kind]] = {
 }
 
 
-#: Kinds of which each is a folder.
+#: Kinds whose items are folders.
 _FOLDERS: Final = ("rigs", "demos")
 
 
 def _read_kind(ctx: click.Context, param: click.Parameter, text: str) -> str:
-    """Return the kind for its singular or plural."""
+    """Return the kind for its singular or plural, such as rigs for rig. Raises click.BadParameter for another text."""
     for kind, one in KINDS.items():
         if text in (kind, one.singular):
             return kind

@@ -1,4 +1,4 @@
-"""The options that several commands have, and the rig that they describe."""
+"""Options that several commands have, and functions that apply them to a rig."""
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -62,21 +62,23 @@ _SIMULATION_OPTIONS: Final = (
 
 
 def simulation_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Add options for the simulation of the simulated rig, which override the rig file: see `simulated`."""
+    """Add the options for a simulated rig to a command: model, effects and sealed effects. `simulated` applies them."""
     for option in reversed(_SIMULATION_OPTIONS):
         command = option(command)
     return command
 
 
 def effect_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Add options for effects of the simulated rig; its model is that of the rig file: see `simulated`."""
+    """Add the options for effects of a simulated rig to a command. `simulated` applies them."""
     for option in reversed(_SIMULATION_OPTIONS[1:]):
         command = option(command)
     return command
 
 
 def read_specimen(name: str | None) -> "Specimen":
-    """Return the specimen of a file or of a name; without either the bench's own."""
+    """Return the specimen of a file or of a name, by default the bench's own one. An invalid specimen ends the
+    command.
+    """
     from test_plans.loads import SpecimenError
     from test_plans.specimen import ORDINARY, read_specimen
 
@@ -87,7 +89,9 @@ def read_specimen(name: str | None) -> "Specimen":
 
 
 def read_rig(named: str | None) -> "tuple[RigFile, Path]":
-    """Return the rig of a file or of a name, and the path of its file; without either the default rig."""
+    """Return the rig of a file or of a name, by default the rig local, and the path of its file. An invalid rig ends
+    the command.
+    """
     try:
         return find_rig(named or ORDINARY)
     except RigFileError as error:
@@ -97,7 +101,9 @@ def read_rig(named: str | None) -> "tuple[RigFile, Path]":
 def simulated(
     rig: "RigFile", path: Path, model: str | None, effects: Sequence[str], sealed: str | None
 ) -> "RigFile":
-    """Return ``rig`` with the options of `simulation_options`, which override the rig file."""
+    """Return ``rig`` with the options of `simulation_options`, which override the rig file. With a real rig, they end
+    the command.
+    """
     if not (model or effects or sealed):
         return rig
     if rig.simulation is None:
@@ -118,7 +124,9 @@ def simulated(
 
 
 def pairs(texts: Iterable[str], wrong: str, *, option: str = "") -> dict[str, str]:
-    """Return the values of ``NAME=VALUE`` by name; misuse for one that is ``wrong`` or given twice."""
+    """Return the values of texts NAME=VALUE, by name. A text without "=" ends the command with the message ``wrong``,
+    and so does a repeated name.
+    """
     found: dict[str, str] = {}
     for text in texts:
         name, equals, value = text.partition("=")

@@ -138,7 +138,9 @@ def _past(
     effects: tuple[str, ...],
     changes: tuple[str, ...],
 ) -> "Past | None":
-    """Return the recorded run to continue, or None if plans are rehearsed."""
+    """Return the recorded run of ``--from`` with its changes, or None if plans are rehearsed. Contradictory options end
+    the command.
+    """
     if bool(plans) == bool(kept) or ((faults or changes) and not kept):
         misuse("name either a PLAN, or a run with --from RUN@TIME; --fault and --change need --from")
     if not kept:
@@ -156,7 +158,7 @@ def _past(
 
 
 def _by_side(texts: "Mapping[str, str]") -> "dict[str, str | list[str]]":
-    """Return parameter values; those with commas become one value for each side, actuator or branch."""
+    """Return parameter values. A text with commas becomes a list with one value for each side, actuator or branch."""
     return {name: re.split(r",\s*", text) if "," in text else text for name, text in texts.items()}
 
 
@@ -169,7 +171,7 @@ def _fault(text: str) -> tuple[str, dict[str, str]]:
 def _rehearsed(
     console: "Console", plan: "Plan", rig: "RigFile", path: Path, out: Path, others: dict[str, Any]
 ) -> "tuple[Rehearsal, Path]":
-    """Rehearse ``plan`` with a bar on the screen; ``others`` are for `rehearse`."""
+    """Rehearse ``plan`` with a progress bar on the screen. ``others`` are further arguments of `rehearse`."""
     from astb.display import ProgressDisplay
     from astb.rehearsal.rehearsing import rehearse
     from test_plans.run import NullWatcher

@@ -156,7 +156,7 @@ def run_command(
 
 
 def _look_at_springs(bench: "Rig") -> None:
-    """Print notes on springs that an FMU computes; an FMU that is too slow blocks a rig in real time."""
+    """Print notes on springs that an FMU computes. An FMU that is too slow for real time ends the command."""
     if bench.springs is None:
         return
     bench.springs.limit_timeout()
@@ -173,7 +173,7 @@ def _say_ready(can: str, modbus: str, control: str) -> None:
 
 
 def _simulated_only(rig: "RigFile", path: Path) -> "RigFile":
-    """Return ``rig``, which must be a simulated one."""
+    """Return ``rig`` if it is a simulated one. A real rig ends the command."""
     if rig.simulation is None:
         misuse(f"rig file {path} describes a real rig (no [simulation] table), so it cannot be simulated")
     return rig
@@ -188,7 +188,9 @@ def _at_bit_rate(rig: "RigFile", bit_rate: str | None) -> "Simulation":
 
 @contextmanager
 def _captured(path: Path | None, *, live: bool) -> "Iterator[Capture | None]":
-    """Yield the capture of the bus, into the file at ``path`` if given; None without a file and without ``live``."""
+    """Yield a capture of the bus traffic, which is also written to the file ``path``. Without a file and without
+    ``live``, yield None.
+    """
     from bench_sim.rig.capture import Capture, CaptureFile
 
     capture = Capture()
@@ -200,7 +202,9 @@ def _captured(path: Path | None, *, live: bool) -> "Iterator[Capture | None]":
 
 
 def _listen(bench: "Rig", stop: threading.Event, until_eof: bool) -> None:
-    """Let signals, and with ``until_eof`` the end of the standard input, stop the rig or actuate its emergency stop."""
+    """Let SIGUSR1 press and SIGUSR2 release the emergency stop. With ``until_eof``, the end of the standard input stops
+    the rig.
+    """
     if until_eof:  # the process that started this rig holds the other end, so the rig stops with it
         threading.Thread(target=_when_stdin_ends, args=(stop.set,), daemon=True).start()
     signal.signal(signal.SIGUSR1, lambda *_: bench.press_estop())
@@ -220,7 +224,7 @@ def _when_stdin_ends(call: Callable[[], object]) -> None:
 
 
 def _at_tick_rate(tick_rate: str | None) -> None:
-    """Continue with this tick rate; another rate is compiled into the rig, so the command is started again with it."""
+    """Start the command again if this process has another tick rate, because the rate is compiled into the rig."""
     if tick_rate is None or int(tick_rate) == TICK_RATE:
         return
     environment = os.environ | {TICK_RATE_VARIABLE: tick_rate}

@@ -160,7 +160,7 @@ def _list_runs(runs: "list[KeptRun]", folder: Path) -> None:
 
 
 def _list_requirements(judged: "list[KeptCheck]", as_json: bool) -> None:
-    """Print the latest check of each requirement, name, plan, specimen and parameters."""
+    """Print the latest check for each combination of requirement, name, plan, specimen and parameters."""
     latest = {
         (
             one.requirement,
@@ -314,7 +314,7 @@ def trend_command(
         misuse(f"{error.filename or page or table} cannot be written: {reason(error)}")
     _warn_unreadable(index)
     if as_json:
-        # One name is answered by one object, whatever else the command can.
+        # For one check name the JSON is one object, not a list.
         print_json(trends[0] if len(checks) == 1 and trends[0].name == checks[0] else trends)
         return
     for trend in trends:
@@ -331,7 +331,7 @@ def _measured(
     phase: str | None,
     wanted: dict[str, str],
 ) -> "Iterator[tuple[str, list[KeptCheck]]]":
-    """Yield the stored values of each check by name; misuse for a named check without values."""
+    """Yield the name and the stored values of each check. A check in ``checks`` without values ends the command."""
     for check in _named(index, checks):
         found = [
             one
@@ -401,7 +401,9 @@ def _no_such(index: RunIndex, check: str, specimen: str) -> str:
 
 
 def _of_one_kind(check: str, checks: "list[KeptCheck]") -> "list[KeptCheck]":
-    """Return the checks if all were measured in the same way; otherwise misuse, with the kinds that exist."""
+    """Return the checks if all were measured in the same way. Otherwise end the command, and print the options for each
+    way.
+    """
     kinds = {
         (
             one.run.plan,

@@ -37,7 +37,7 @@ _vehicle = click.option(
 
 
 def _options(out: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return what makes a function the command that writes the file ``out``."""
+    """Return a decorator that makes a function an export command. The command writes the file ``out`` by default."""
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         for option in (

@@ -97,7 +97,7 @@ def _variable(listed: Element, reference: int, one: Variable, fmi: int) -> None:
 
 
 def _structure(structure: Element, every: Sequence[Variable], fmi: int) -> None:
-    # While it steps, an output changes in a step only. So connected FMUs have no algebraic loops.
+    # Outputs change only within a step. So connected FMUs have no algebraic loops.
     none = {"dependencies": ""}
     outputs = [place for place, one in enumerate(every) if one.kind is Kind.OUTPUT]
     if fmi == 3:

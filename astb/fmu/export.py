@@ -71,10 +71,10 @@ def write_objects(
     *,
     native: bool,
 ) -> None:
-    """Compile ``function`` for arguments of these ``types`` as ``symbol``, for each platform into its file.
+    """Compile ``function`` for arguments of these ``types``, and write it as ``symbol`` into a file for each platform.
 
-    It runs on any processor of this architecture; with ``native`` only on processors like this one. Its calling
-    convention is numba's: a place for the result, one for the exception, then the arguments, each array as owner,
+    The code runs on any processor of this architecture; with ``native`` only on processors like this one. It has the
+    calling convention of numba: a place for the result, one for the exception, then the arguments, each array as owner,
     parent, number and size of elements, address, shape, strides.
     """
     import llvmlite.binding as llvm
@@ -114,14 +114,14 @@ _COMPILED: Final = ("advance", "start")
 
 
 class ExportError(Exception):
-    """An FMU cannot be made here; the message states what is missing."""
+    """An FMU cannot be built on this machine; the message states what is missing."""
 
 
 def write_unit(unit: Unit, to: Path, *, fmi: int, native: bool = False, compiled: Path | None = None) -> str:
     """Write ``unit`` as an FMU for `platforms`, and return its token (GUID).
 
-    It runs on every processor of this architecture unless it is ``native``. ``compiled`` is a folder with the output of
-    `compile_code`, which several FMUs can share. Raises `ExportError` or OSError.
+    The FMU runs on every processor of this architecture, with ``native`` only on processors like this one. ``compiled``
+    is a folder with the output of `compile_code`, which several FMUs can share. Raises `ExportError` or OSError.
     """
     found = platforms()
     token = _token(unit, fmi)
@@ -176,7 +176,7 @@ def _licence() -> str:
 
 
 def _token(unit: Unit, fmi: int) -> str:
-    """Return a GUID that depends on values, variables, laws and functions of FMI."""
+    """Return a GUID that depends on values, variables, the code of the model and the C functions."""
     digest = hashlib.sha256(
         str(digest_of(__name__, unit.code.start.__module__, unit.code.advance.__module__)).encode()
     )
@@ -190,7 +190,7 @@ def _token(unit: Unit, fmi: int) -> str:
 
 
 def _header(unit: Unit, token: str) -> str:
-    """Return ``model.h``: sizes, places, and the table of variables with their bounds and starts."""
+    """Return ``model.h``: sizes, indices, and the table of variables with their bounds and start values."""
     code = unit.code
     references = {one.name: one.place for one in unit.variables if one.kind in (Kind.FIXED, Kind.TUNABLE)}
     places = {
@@ -245,7 +245,7 @@ def _number(value: float) -> str:
 def compile_code(code: Code, place: Path, *, native: bool = False) -> None:
     """Compile ``code`` into two object files for each of `platforms` in the folder ``place``.
 
-    They contain no number of a parameter set. Raises `ExportError`.
+    The object files do not depend on values of parameters. Raises `ExportError`.
     """
     import numba
 

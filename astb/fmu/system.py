@@ -66,7 +66,7 @@ def _structure(name: str, units: Mapping[str, Unit]) -> bytes:
 
 
 def _connections(units: Mapping[str, Unit]) -> Iterator[_Connection]:
-    """Yield the connections of components, and those of the remaining variables with the system.
+    """Yield the connections between components, then those between other variables and the system.
 
     Some tools set an input of a system to 0. So an input with another start value stays inside its component.
     """
@@ -88,7 +88,9 @@ def _connections(units: Mapping[str, Unit]) -> Iterator[_Connection]:
 
 
 def _connector_name(component: str, variable: Variable) -> str:
-    """Return the name of a connector; ``car.wind`` of the system could also mean ``wind`` of its component ``car``."""
+    """Return the name of a connector. At the system it has no dots, because ``car.wind`` could also mean ``wind`` of
+    the component ``car``.
+    """
     return variable.name if component else variable.name.replace(".", "_")
 
 

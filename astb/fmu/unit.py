@@ -15,13 +15,13 @@ from bench_sim.parameters.loading import Entry
 
 
 class Kind(IntEnum):
-    """The storage of a variable in an instance of the FMU."""
+    """The kind of a variable, which determines where an instance of the FMU stores it."""
 
-    MOTION = 0  #: input that the instance uses within a communication step
+    MOTION = 0  #: input, extrapolated within a communication step
     INPUT = 1  #: input, held over a communication step
-    BEGIN = 2  #: initial parameter: the share of its air
-    FIXED = 3  #: parameter that stays once the FMU has begun
-    TUNABLE = 4  #: parameter
+    BEGIN = 2  #: initial parameter: the share of the air at the start
+    FIXED = 3  #: parameter that cannot change after the start
+    TUNABLE = 4  #: parameter that can change during a simulation
     OUTPUT = 5
 
 
@@ -39,7 +39,9 @@ _OF_ACTUATORS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """One scalar; values are SI. Calculated variables have no start; ``whole`` numbers represent choices."""
+    """One scalar variable, in SI. Outputs have no start value. With ``whole``, the values are integers that represent
+    choices.
+    """
 
     name: str
     unit: str
@@ -81,16 +83,16 @@ class Code:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Unit:
-    """An FMU to be written. ``name`` and ``said`` are shown by tools, ``about`` are paragraphs of its page."""
+    """An FMU to be written. Tools show ``name`` and ``said``; ``about`` are the paragraphs of its page."""
 
     code: Code
     name: str
     said: str
     about: tuple[str, ...]
     variables: Sequence[Variable]
-    #: Default values of its parameters, as consecutive numbers.
+    #: Default values of the parameters, as consecutive numbers.
     defaults: NDArray[np.float64]
-    #: Places by the names that C has for them.
+    #: Indices by their names in C.
     places: Mapping[str, int]
     #: Pairs of parameters that only make sense in one order.
     orders: Sequence[tuple[str, str]] = ()
@@ -109,7 +111,7 @@ def parameters_of(
     kinds: np.dtype[np.void],
     fixed: Collection[str],
 ) -> Iterator[Variable]:
-    """Yield the scalars of these ``quantities`` with bounds and provenance; ``record`` has their values.
+    """Yield the scalar variables of these ``quantities`` with bounds and provenance; ``record`` has their values.
 
     ``kinds`` is the data type in which the FMU stores them.
     """
@@ -135,7 +137,7 @@ def parameters_of(
 
 
 def _scalar(name: str, shape: tuple[int, ...], index: tuple[int, ...]) -> str:
-    """Return the name of one element: of its side or its actuator, or numbered from 1."""
+    """Return the name of one element: with the name of its side or its actuator, or with indices from 1."""
     if not shape:
         return name
     if name.startswith(_OF_ACTUATORS):

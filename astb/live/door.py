@@ -1,7 +1,7 @@
-"""The door of a run in real time: a Unix socket of its user, to watch, hold, answer and stop the run.
+"""The control socket of a run in real time, called door: its user can watch, hold, answer and stop the run there.
 
-Its path follows from the rig's file, so that a panel that is started later finds the run. A request is a line of JSON,
-and so is the answer.
+It is a Unix socket. Its path follows from the path of the rig file, so that a panel that is started later finds the
+run. A request is a line of JSON, and so is the answer.
 """
 
 import os
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from test_plans.operator import QuestionBox
     from test_plans.suspension import Suspension
 
-_PATIENCE: Final = 2.0  # s, for a line to come
+_PATIENCE: Final = 2.0  # s, until a line must have arrived
 _LOOK_UP: Final = 0.1  # s, until the end is noticed
 
 
@@ -38,13 +38,15 @@ class Deaf(NoRun):
 
 
 def door_path(rig_file: Path) -> Path:
-    """Return the path of the door of a run on the rig of this file."""
+    """Return the path of the control socket of a run on the rig of this file."""
     place = sha256(str(rig_file.resolve()).encode()).hexdigest()[:16]
     return control_path("run", 0).with_name(f"run-{place}.sock")
 
 
 def knock(rig_file: Path, order: dict[str, Any], within: float = 2.0) -> dict[str, Any]:
-    """Send a request to the run on this rig; NoRun without a run, Deaf without an answer ``within`` s."""
+    """Send a request to the run on this rig, and return the answer. Raises NoRun without a run, Deaf without an answer
+    ``within`` s.
+    """
     try:
         line = ask(door_path(rig_file), msgspec.json.encode(order), within)
         answer = msgspec.json.decode(line, type=dict[str, Any])
@@ -56,7 +58,7 @@ def knock(rig_file: Path, order: dict[str, Any], within: float = 2.0) -> dict[st
 
 
 class Door:
-    """Answers requests at the door of a run; ``live`` returns the present run, None between two runs."""
+    """Answers requests to a run. ``live`` returns the present run, None between two runs."""
 
     def __init__(
         self, live: Callable[[], Live | None], suspension: "Suspension", box: "QuestionBox | None"
@@ -65,7 +67,9 @@ class Door:
         self._stopped = False
 
     def answer(self, line: bytes) -> bytes:
-        """Execute one line and return the answer; an impossible request returns an ``error``."""
+        """Execute the request in a line of JSON, and return the answer. For an impossible request, this has an
+        ``error``.
+        """
         try:
             order = msgspec.json.decode(line, type=dict[str, str])
             answer = self._execute(order)
@@ -116,7 +120,7 @@ class Door:
 
 @contextmanager
 def opened_door(rig_file: Path, door: Door) -> Iterator[None]:
-    """Answer at the door of this rig while the block lasts; without a usable socket the run has no door."""
+    """Answer requests to the run on this rig during the block. Without a usable socket, the run gets no requests."""
     path = door_path(rig_file)
 
     class Visit(socketserver.StreamRequestHandler):

@@ -30,8 +30,8 @@ class Live:
 
     ``record`` is the directory of its record, ``limits`` are the known limits of the rig, ``outline`` are the steps of
     an earlier run. In ``box`` a question waits for its answer. ``suspension`` states whether the run is held,
-    ``can_hold`` whether the plan can be. A snapshot sends no request to the rig: it uses the received values. The run's
-    thread assigns whole values, and any other thread reads them.
+    ``can_hold`` whether the plan has places to hold it. A snapshot sends no request to the rig: it uses the received
+    values. The run's thread assigns whole values, and any other thread reads them.
     """
 
     def __init__(
@@ -74,7 +74,9 @@ class Live:
         self._said = text
 
     def phase(self, path: tuple[str, ...], *, begins: bool) -> None:
-        """Record that the last of the open phases begins or has ended; ``path`` has the open phases."""
+        """Record that the last phase of ``path`` begins or has ended. ``path`` are the names of the open phases,
+        outermost first.
+        """
         if begins:
             self._follower.begin(path[-1], len(path) - 1)
             self._step_start = self.bench.clock.now()
@@ -93,7 +95,7 @@ class Live:
             self._failed = (*self._failed, self._last_check)
 
     def conclude(self, result: "Result") -> None:
-        """Record the end."""
+        """Record the verdict at the end of the run."""
         self._ended = result.verdict.value
 
     @property
@@ -108,7 +110,7 @@ class Live:
 
     @property
     def cannot_hold(self) -> str:
-        """Why the run cannot be held from now on, and how to change that; "" if it can."""
+        """Why the run cannot be held from now on, with advice; "" if it can be held."""
         where = f" after {' › '.join(self._step)}" if self.can_hold else ""
         if self.can_hold and (self._suspension is None or self._suspension.left):
             return ""

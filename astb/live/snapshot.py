@@ -4,7 +4,7 @@ import msgspec
 
 
 class LiveReading(msgspec.Struct, frozen=True):
-    """A key reading, and its position between its first value and the nearest limit."""
+    """A key reading, and how far it has moved from its first value towards the nearest limit."""
 
     name: str
     value: float | None  #: SI; None unless it is good
@@ -44,5 +44,5 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     assumed: int = 0  #: number of limits that ASTB assumes, and the rig does not have
     commands: bool = False  #: whether the rig names this run as the one that commands it
     late: int | None = None  #: late ticks of the rig since the run began; None if not reported
-    latest: float | None = None  #: s that the latest tick since the rig started was late
+    latest: float | None = None  #: largest delay (s) of a tick since the rig started
     ended: str = ""  #: the verdict, once there is one

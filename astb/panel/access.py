@@ -1,4 +1,4 @@
-"""Access rights of the panel: every client may watch, clients with the token may command, one page at a time.
+"""Access rights of the panel: every client may watch; with the token, one page at a time may command.
 
 The token is printed on the terminal as part of an address; the page exchanges it for a cookie that scripts cannot read.
 Requests with an unknown host name (DNS rebinding) and requests from pages of other origins are refused.
@@ -36,7 +36,7 @@ _CLIENTS_MAX: Final = 1024
 
 
 class NotAllowed(Exception):
-    """A forbidden action of a page; the text states why, and ``status`` is that of HTTP."""
+    """A forbidden action of a page; the text states why, and ``status`` is the HTTP status."""
 
     def __init__(self, text: str, status: int = 403) -> None:
         super().__init__(text)
@@ -44,7 +44,9 @@ class NotAllowed(Exception):
 
 
 class Doorkeeper:
-    """An ASGI application before another one: it accepts only requests that name this machine as the host."""
+    """An ASGI middleware. It passes only requests with a host name of this machine, and no changes from pages of other
+    servers.
+    """
 
     def __init__(self, app: ASGIApp, host: str, names: Collection[str] = ()) -> None:
         self._app = app
@@ -95,7 +97,7 @@ def kept_token(rig_file: Path) -> str:
     with suppress(FileNotFoundError):
         if kept := path.read_text(encoding="ascii").strip():
             return kept
-    # Not in its place before it is whole: an empty one would be everybody's.
+    # The file gets its name when it is complete, because anyone could guess an empty token.
     with NamedTemporaryFile("w", encoding="ascii", dir=path.parent, delete=False) as file:
         file.write(token := secrets.token_urlsafe(24))
     Path(file.name).replace(path)
@@ -107,7 +109,7 @@ def _client(connection: HTTPConnection) -> str:
 
 
 class Patience:
-    """The waiting time of clients that show a token, per client and for all together. It prevents trials of many
+    """Waiting times of clients that try a token, for each client and for all together, so that nobody can try many
     tokens.
 
     A few tries are free, then one is allowed in each period (the generic cell rate algorithm, ITU-T I.371). A try that
@@ -116,10 +118,14 @@ class Patience:
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
-        self._due: dict[str, int] = {}  # when the next try of a client would be in time, in ns; "" are all
+        self._due: dict[
+            str, int
+        ] = {}  # when the next try of a client would be in time, in ns; "" stands for all
 
     def wait(self, client: str) -> float:
-        """Return the waiting time (s) of this try of ``client``. NotAllowed, with 429, if it is too long."""
+        """Return the waiting time (s) of this try of ``client``. Raises NotAllowed, with status 429, if it is too
+        long.
+        """
         now = self._clock.now()
         if len(self._due) >= _CLIENTS_MAX:
             self._due = {name: due for name, due in self._due.items() if due > now}
@@ -138,7 +144,7 @@ class Patience:
 
 
 class Access:
-    """The token, and the seat of the one page that commands."""
+    """The token, and the seat: the right to command, which one page at a time has."""
 
     def __init__(self, token: str, port: int, clock: Clock) -> None:
         if not token:
@@ -154,7 +160,7 @@ class Access:
         return compare_digest(connection.cookies.get(self.cookie, "").encode(), self.token.encode())
 
     def enter(self, token: str) -> dict[str, object]:
-        """Return the arguments of the cookie for a client with the right token. NotAllowed for a wrong one."""
+        """Return the arguments of the cookie for a client with the right token. Raises NotAllowed for a wrong token."""
         if not compare_digest(token.encode(), self.token.encode()):
             raise NotAllowed("wrong token; the terminal of the panel shows the address with the right token")
         return {
@@ -166,17 +172,19 @@ class Access:
         }
 
     async def wait(self, connection: HTTPConnection) -> None:
-        """Delay a client that tries a token. NotAllowed after too many tries."""
+        """Delay a client that tries a token. Raises NotAllowed after too many tries."""
         if seconds := self._patience.wait(_client(connection)):
             await sleep(seconds)
 
     async def slow_down(self, connection: HTTPConnection) -> None:
-        """Delay a client with a wrong token as a cookie. The right one never waits: an emergency stop is immediate."""
+        """Delay a client whose cookie has a wrong token. With the right token nobody waits, so that an emergency stop
+        is immediate.
+        """
         if connection.cookies.get(self.cookie) and not self.may_command(connection):
             await self.wait(connection)
 
     def known(self, connection: HTTPConnection) -> None:
-        """Note that a client has shown the right token."""
+        """Record that a client has shown the right token."""
         self._patience.forgive(_client(connection))
 
     @property
@@ -189,8 +197,8 @@ class Access:
         return self.taken and page == self._page
 
     def take_seat(self, page: str, *, from_other: bool = False) -> bool:
-        """Give the seat to a page with a name if the seat is free, its own or ``from_other``; return whether it has
-        it.
+        """Give the seat to a page if the seat is free, if the page has it already, or if it may take it ``from_other``
+        pages. Return whether the page has the seat. A page without a name gets none.
         """
         if page and (from_other or not self.taken or page == self._page):
             self._page, self._last_seen = page, self._clock.now()
@@ -198,7 +206,7 @@ class Access:
         return False
 
     def keep_seat(self, page: str) -> None:
-        """Note that a page is still open; it keeps its seat, or gets a free one."""
+        """Record that a page is still open. It keeps its seat, or gets the seat if this is free."""
         self.take_seat(page)
 
     def require_token(self, connection: HTTPConnection) -> None:
@@ -207,7 +215,9 @@ class Access:
             raise NotAllowed("this page can only watch; to command, open the address that the terminal shows")
 
     def require_seat(self, connection: HTTPConnection) -> None:
-        """Raise NotAllowed for a client without the token, or for a page that does not command."""
+        """Raise NotAllowed for a client without the token, or if another page has the seat. A free seat goes to this
+        page.
+        """
         self.require_token(connection)
         page = connection.headers.get("x-astb-page", "")
         if not self.take_seat(page):

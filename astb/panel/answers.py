@@ -15,7 +15,7 @@ from astb.panel.runs import Runs
 from astb.panel.watch import Watch
 from bench_records.layout import RecordError
 
-#: A page that was made of a record has its script and style inside, and needs nothing from anywhere.
+#: Policy for a page made from a record: script and style are in the page, and it loads nothing else.
 ALONE: Final = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
     "font-src data:; form-action 'none'; base-uri 'none'; frame-ancestors 'none'"
@@ -30,12 +30,12 @@ class Threads:
         self._known, self._others = CapacityLimiter(8), CapacityLimiter(2)
 
     def of(self, request: Request) -> CapacityLimiter:
-        """Return the limit for this client."""
+        """Return the limiter of threads for the client of ``request``."""
         return self._known if self._access.may_command(request) else self._others
 
 
 def answered(answer: Callable[[Request], object]) -> Callable[[Request], Any]:
-    """Return an endpoint that computes its answer in a thread: text is a page, anything else JSON."""
+    """Return an endpoint that computes its answer in a thread. A text is sent as a page, any other answer as JSON."""
 
     async def endpoint(request: Request) -> Response:
         try:

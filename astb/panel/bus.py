@@ -1,6 +1,6 @@
 """The CAN bus for the page: number of frames of each identifier, and the commander that the rig reports.
 
-The view has its own connection to the bus while a user looks at it; it requests nothing from the rig.
+While a user looks at this view, it has its own connection to the bus. It sends no requests to the rig.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 #: A client without a request for this time counts as gone.
 LOOKS_FOR: Final = 10 * s
-#: Identifiers that are distinguished; frames of more are counted together.
+#: Identifiers that are distinguished; frames with further identifiers are counted together.
 _IDENTIFIERS_MAX: Final = 256
 _TOLD: Final = (
     "rig.lease",

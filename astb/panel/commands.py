@@ -22,7 +22,8 @@ Command = Callable[[Request, dict[str, Any]], object]
 
 
 def command(parts: Parts, path: str, do: Command, *, seat: bool = True) -> Route:
-    """Return the route of a command that only the commanding page may use; without ``seat`` any client with the token.
+    """Return the route of a command. Only the page with the seat may use it; without ``seat``, any client with the
+    token.
 
     ``do(request, body)`` runs in a thread. Its result, NotAllowed and CannotDo are sent to the page. Each command has
     its own limit of parallel requests, so that a stop never waits for other commands or views.
@@ -47,7 +48,9 @@ def command(parts: Parts, path: str, do: Command, *, seat: bool = True) -> Route
 
 
 async def json_body(request: Request) -> dict[str, Any]:
-    """Return the JSON object in a request. NotAllowed if it is too long or another kind of data."""
+    """Return the JSON object in a request. Raises NotAllowed if it is too long, nested too deep, or not a JSON
+    object.
+    """
     body = await read_body(request, _BODY_MAX, f"the request has more than {_BODY_MAX} bytes; shorten it")
     try:
         content = msgspec.json.decode(body or b"{}", type=dict[str, Any])
@@ -61,7 +64,9 @@ async def json_body(request: Request) -> dict[str, Any]:
 
 
 async def read_body(request: Request, most: int, too_much: str) -> bytes:
-    """Return the body of a request, whose length may be unknown. NotAllowed above ``most`` bytes."""
+    """Return the body of a request. Raises NotAllowed once it exceeds ``most`` bytes, because its length may be
+    unknown.
+    """
     body = bytearray()
     try:
         async for part in request.stream():
@@ -74,7 +79,7 @@ async def read_body(request: Request, most: int, too_much: str) -> bytes:
 
 
 def _depth(value: object) -> int:
-    """Return the depth of nested tables and lists, at most one above the limit."""
+    """Return the depth of nested tables and lists. Counting ends at one above the limit."""
     layer, depth = [value], 0
     while layer and depth <= _DEPTH_MAX:
         inner = [one for one in layer if isinstance(one, dict | list)]
@@ -86,7 +91,7 @@ def _depth(value: object) -> int:
 
 
 def text_of(body: Mapping[str, Any], key: str) -> str:
-    """Return a text of a request, "" if it is missing. NotAllowed if it is not a text, or not valid UTF-8."""
+    """Return a text of a request, "" if it is missing. Raises NotAllowed if it is not a text, or not valid UTF-8."""
     value = body.get(key, "")
     if not isinstance(value, str):
         raise NotAllowed(f"{key} = {value!r} is not a text; send a text", 400)
@@ -98,7 +103,7 @@ def text_of(body: Mapping[str, Any], key: str) -> str:
 
 
 def settings_of(body: Mapping[str, Any]) -> dict[str, str]:
-    """Return the parameters of a plan in a request, as text. NotAllowed for anything but a table of values."""
+    """Return the parameters of a plan in a request, as text. Raises NotAllowed if they are not a table of values."""
     settings = body.get("set", {})
     if not isinstance(settings, dict):
         raise NotAllowed(f"set = {settings!r} is not a table; send the parameters by their names", 400)
@@ -106,7 +111,7 @@ def settings_of(body: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _written(name: str, value: object) -> str:
-    """Return the value of a parameter as text."""
+    """Return the value of a parameter as text. Raises NotAllowed for a table or a list."""
     if isinstance(value, dict | list):
         raise NotAllowed(f"{name} = {value!r} is a table or a list; send a text or a number", 400)
     return text_of({name: str(value)}, name)

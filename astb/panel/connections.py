@@ -1,4 +1,4 @@
-"""The connections of the panel: places for clients with the token, and a bounded number of others for a bounded time.
+"""The connections of the panel: slots for clients with the token, and few slots with time limits for all others.
 
     listening socket ── Gate ── Requests (HTTP) ── Pages (WebSocket)
 
@@ -35,10 +35,10 @@ ANSWER_WITHIN: Final = 1 * minutes
 #: A page that does not answer gets a ping every `PING` s, and is closed after twice that time.
 PING: Final = 5 * s
 _CLOSE_WITHIN: Final = 1 * s
-#: A connection with the token stays open for so long between requests. `stop.js` uses it every 20 s: a stop on an open
-#: connection is not behind those that wait to be accepted.
+#: A connection with the token stays open for this time between requests. `stop.js` uses it every 20 s, because a stop
+#: on an open connection does not wait behind new connections.
 _KEPT_OPEN: Final = 1 * minutes
-#: New connections of one turn of the event loop: few, so that requests with the token are soon read.
+#: Number of new connections in one turn of the event loop: few, so that requests with the token are read soon.
 _ACCEPTED_AT_ONCE: Final = 8
 _QUEUED: Final = 4096  # connections that wait in the kernel until they are accepted
 _FIRST_BYTES: Final = 8192  # in which the gate looks for the token
@@ -57,7 +57,9 @@ class Room:
         return len(self._inside) >= self._most or self._of[address] >= self._each
 
     def enter(self, connection: object, address: str, drop: Callable[[], None]) -> None:
-        """Give a connection a slot; if there is none, the oldest one is dropped."""
+        """Give a slot to a connection, which can be closed by ``drop``. If there is no slot, the oldest connection is
+        dropped.
+        """
         while self.full(address):
             self.drop_oldest(address if self._of[address] >= self._each else "")
         self._inside[connection] = address, drop
@@ -81,7 +83,9 @@ class Room:
 
 
 class Rooms:
-    """The rooms of a panel, and the assignment of connections to them."""
+    """The rooms of a panel (clients with the token, strangers, watching pages), and the assignment of connections to
+    them.
+    """
 
     def __init__(self, access: Access) -> None:
         self._access = access
@@ -100,7 +104,7 @@ class Rooms:
         return known
 
     def watch(self, connection: "Pages") -> bool:
-        """Move a page without the token to the pages that watch; return whether there is a place."""
+        """Move a page without the token to the pages that watch. Return whether there is a slot."""
         free = not self.watching.full(_address(connection))
         if free:
             self._move(connection, self.watching)
@@ -111,7 +115,7 @@ class Rooms:
         room.enter(connection, _address(connection), connection.transport.abort)
 
     def leave(self, connection: object) -> None:
-        """Free the slot of a connection of any room."""
+        """Free the slot of a connection, in whichever room it is."""
         for room in (self.known, self.strangers, self.watching):
             room.leave(connection)
 
@@ -121,9 +125,9 @@ def _address(connection: "Requests | Pages") -> str:
 
 
 class Gate:
-    """Accepts connections. Each waits here as a bare socket, which needs few resources, until its first bytes arrive.
+    """Accepts connections. Each waits as a bare socket, which needs few resources, until its first bytes arrive.
 
-    A client that shows the token is served at once. Of all others one is served in each turn of the event loop.
+    A client that shows the token is served at once. Of the other clients, one is served in each turn of the event loop.
     """
 
     def __init__(self, listening: socket.socket, rooms: Rooms, protocol: Callable[[], "Requests"]) -> None:
@@ -201,7 +205,7 @@ class Gate:
 
 
 class Requests(H11Protocol):
-    """A connection with HTTP requests in uvicorn. The time of a stranger for each request is short."""
+    """A connection with HTTP requests in uvicorn. A stranger has a short time limit for each request."""
 
     def __init__(self, *args: Any, rooms: Rooms, **more: Any) -> None:
         super().__init__(*args, **more)
@@ -217,7 +221,7 @@ class Requests(H11Protocol):
         self._due(REQUEST_WITHIN)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Free its place."""
+        """Free the slot of the connection."""
         self._rooms.leave(self)
         self._due(None)
         super().connection_lost(exc)
@@ -273,7 +277,7 @@ class Pages(WebSocketsSansIOProtocol):
         self._rooms.arrive(self)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Free its place."""
+        """Free the slot of the connection."""
         self._rooms.leave(self)
         super().connection_lost(exc)
 
@@ -307,7 +311,7 @@ class Pages(WebSocketsSansIOProtocol):
 
 
 class Server(uvicorn.Server):
-    """uvicorn's server for the panel, behind a gate."""
+    """uvicorn's server for the panel. A `Gate` accepts its connections."""
 
     def __init__(self, app: ASGIApp, access: Access) -> None:
         self._rooms = Rooms(access)

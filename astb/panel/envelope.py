@@ -22,7 +22,7 @@ class Level:
         self.width, self.span = width, span
         self._width = round(width * NS)
         self._slots = round(span / width)
-        self.head = -1  #: the number of the newest stretch; stretch k begins at k · width
+        self.head = -1  #: the number of the newest interval; interval k begins at k · width
         self._low = np.full((rows, self._slots), np.nan, np.float32)
         self._high = np.full((rows, self._slots), np.nan, np.float32)
 
@@ -41,8 +41,8 @@ class Level:
         np.fmax.at(self._high, at, values[kept])
 
     def read(self, rows: Ints, first: int, count: int, together: int) -> tuple[Floats32, Floats32]:
-        """Return lows and highs of ``count`` intervals from ``first`` on, each over ``together`` intervals of this
-        level.
+        """Return lows and highs of ``count`` intervals from number ``first`` on, arrays of (rows, count). Each interval
+        joins ``together`` intervals of this level.
         """
         slots = np.arange(first * together, (first + count) * together)
         known = (slots > self.head - self._slots) & (slots <= self.head) & (slots >= 0)
@@ -54,7 +54,7 @@ class Level:
 
 
 class Envelope:
-    """All levels of all signals. One thread stores samples, another one reads pictures."""
+    """All levels of all signals. One thread stores samples while another one reads."""
 
     def __init__(self, rows: int) -> None:
         self._levels = [Level(rows, width, span) for width, span in LEVELS]
@@ -80,7 +80,7 @@ class Scale:
     def __init__(self, level: Level, together: int, lock: threading.Lock) -> None:
         self._level, self._together, self._lock = level, together, lock
         self.width = level.width * together  #: s
-        self.most = int(level.span / self.width)  #: stretches that are kept
+        self.most = int(level.span / self.width)  #: number of stored intervals
 
     @property
     def head(self) -> int:

@@ -119,7 +119,7 @@ class Kept:
         }
 
     def checks(self, run: str) -> list[dict[str, Any]]:
-        """Return the checks of a run with their places, for `trend`."""
+        """Return the checks of a run. ``place`` is the number that `trend` takes."""
         return [
             {
                 "place": place,
@@ -132,7 +132,7 @@ class Kept:
         ]
 
     def replay(self, run: str) -> dict[str, Any]:
-        """Return a run for the drawing of the bench, and its numbers in the packed form of reports."""
+        """Return the data of a run for the drawing of the bench. Its numbers are packed as in reports."""
         numbers = PlotData()
         told = replay_of(read(self.known(run)), numbers)
         if told is None:
@@ -209,8 +209,8 @@ class Kept:
     def move(self, run: str, to: str) -> tuple[Path, Path]:
         """Rename the folder of a run, or move it to the archive or back; return the old and the new path.
 
-        Its files do not change, so that signatures stay valid. CannotDo for a run in progress, and for an invalid or
-        existing name.
+        Its files do not change, so that signatures stay valid. Raises CannotDo for a run in progress, and for an
+        invalid or existing name.
         """
         known = {one.directory: one for one in RunIndex(self._folder).runs()}
         if run not in known:
@@ -240,7 +240,9 @@ class Kept:
         return old, new
 
     def known(self, run: str) -> Path:
-        """Return the directory of a run in the index; no other directory is opened."""
+        """Return the directory of a run in the index. Raises RecordError for another name, so that no other directory
+        is opened.
+        """
         if run not in [one.directory for one in RunIndex(self._folder).runs()]:
             raise RecordError(f"{self._folder} holds no run {run}; reload the page")
         return self._folder / run

@@ -14,7 +14,7 @@ class KeptRig:
     """Starts the rig of a file if it is simulated and does not answer; any other rig is not changed.
 
     ``lifeline`` is one end of a pipe, None unless a rig was started here. The rig runs until all holders of this end
-    have closed it. A run that inherits it keeps the rig when the panel ends, or is killed.
+    have closed it. A run that inherits it keeps the rig alive when the panel ends, or is killed.
     """
 
     def __init__(self, rig: RigFile, path: Path, seed: int | None, say: Callable[[str], None]) -> None:
@@ -23,7 +23,7 @@ class KeptRig:
         self.lifeline: int | None = None
 
     def ensure(self) -> None:
-        """Start the rig unless it answers. RigFileError or LinkLost if it cannot be started."""
+        """Start the rig unless it answers. Raises RigFileError or LinkLost if it cannot be started."""
         rig, running = self._rig, self._process is not None and self._process.poll() is None
         if rig.simulation is None or rig.wiring or running or answers(rig):
             return

@@ -1,4 +1,4 @@
-"""The readings of a rig at an MQTT broker: published with unit, quality and time, and no subscription."""
+"""Publishes the readings of a rig to an MQTT broker, with unit, quality and time. It subscribes to nothing."""
 
 import asyncio
 import logging
@@ -92,7 +92,7 @@ class MqttPublisher:
                         self._say(f"the MQTT broker at {self._host}:{self._port} is back")
                     delay, lost = SOONEST, False
                     await self._publish_all(client)
-            except Exception as error:  # whatever it was: the panel goes on
+            except Exception as error:  # after any error, the panel continues
                 if not lost:
                     self._say(
                         f"the MQTT broker at {self._host}:{self._port} is lost: {error}; check the broker, the panel "
@@ -112,8 +112,8 @@ class MqttPublisher:
         await client.publish(status, OFFLINE, qos=1, retain=True)
 
     async def _pause(self, seconds: float) -> None:
-        """Wait until the end, ``seconds`` at most."""
-        # A cancelled task would not do: wait_for of Python 3.11 can lose the request.
+        """Wait for ``seconds`` s, or until the publisher is closed."""
+        # A cancellation of the task is not reliable: wait_for of Python 3.11 can lose the request.
         with suppress(TimeoutError):
             await asyncio.wait_for(self._end.wait(), seconds)
 

@@ -32,10 +32,10 @@ PICTURES: Final = {
 }
 _TEXT_MAX: Final = 4000
 _NAME: Final = re.compile(r"\w[\w .,()+-]{0,98}")
-#: Files that come in at once: each is in memory until it is kept.
+#: Number of files that are received at the same time: each is in memory until it is stored.
 _AT_ONCE: Final = 2
 
-#: Where a run of the list lies. RecordError if there is none.
+#: Returns the directory of a run in the list. Raises RecordError if there is none.
 Known = Callable[[str], Path]
 
 
@@ -64,7 +64,9 @@ def listed(directory: Path) -> list[dict[str, Any]]:
 
 
 def _adding(parts: Parts, known: Known) -> Callable[[Request], Awaitable[Response]]:
-    """Return the endpoint that stores a note: its text is in the address, a file is the body. It requires the token."""
+    """Return the endpoint that stores a note: the text is in the address, the file is the body. The client needs the
+    token.
+    """
     places = CapacityLimiter(_AT_ONCE)
 
     async def endpoint(request: Request) -> Response:
@@ -94,7 +96,7 @@ def _adding(parts: Parts, known: Known) -> Callable[[Request], Awaitable[Respons
 
 
 def _refuse(fields: dict[str, str]) -> None:
-    """Raise NotAllowed for texts that are too long, and for an invalid file name."""
+    """Raise NotAllowed for a missing author, for texts that are too long or not UTF-8, and for an invalid file name."""
     for key, text in fields.items():
         try:
             text.encode()

@@ -58,7 +58,9 @@ class Rehearsals:
         self._lock = threading.Lock()
 
     def start(self, body: Mapping[str, Any]) -> None:
-        """Start to rehearse a plan. CannotDo during a run or a rehearsal, or for settings that the plan refuses."""
+        """Start to rehearse a plan. Raises CannotDo during a run or a rehearsal, or for settings that the plan
+        refuses.
+        """
         plan, settings = text_of(body, "plan"), settings_of(body)
         refuse_settings(plan, settings)
         specimen = Specimens(self._parts.out).place(text_of(body, "specimen"))
@@ -66,9 +68,10 @@ class Rehearsals:
         self._launch(plan, [*chosen, f"--specimen={specimen}"] if specimen else chosen)
 
     def go_on(self, body: Mapping[str, Any]) -> None:
-        """Repeat a recorded run, and continue it with a change from an instant on; refusals are reported afterwards.
+        """Start to repeat a recorded run, and to continue it with changes from a given time on. `state` reports refused
+        changes.
 
-        CannotDo during a run or a rehearsal, or without such a run; NotAllowed for an invalid request.
+        Raises CannotDo during a run or a rehearsal, or if the run does not exist; NotAllowed for an invalid request.
         """
         try:
             directory = Kept(self._parts.out).known(text_of(body, "run"))
@@ -135,7 +138,7 @@ class Rehearsals:
         }
 
     def page(self, of: str) -> str:
-        """Return the page of a rehearsal. Raises RecordError for another folder."""
+        """Return the page of a rehearsal. Raises RecordError if the folder ``of`` has none."""
         path = self._parts.out / of / PAGE
         if Path(of).name != of or _NAME not in of or not path.is_file():
             raise RecordError(f"{self._parts.out} holds no rehearsal {of}; reload the page")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def routes(parts: Parts) -> Sequence[Route]:
-    """Return the routes of the view *reservations*; the token is needed for changes, the seat is not."""
+    """Return the routes of the view *reservations*. Changes need the token, but not the seat."""
     rig_file = parts.watch.path
 
     def listed(request: Request) -> object:

@@ -86,9 +86,10 @@ class Runs:
         ambient: str = "",
         twin: bool = False,
     ) -> None:
-        """Start a plan with parameters as text, with its ``twin`` if wanted.
+        """Start a run of a plan, with parameters as text. With ``twin``, the rig is compared with its model during the
+        run.
 
-        CannotDo with the message of `astb run` if it refuses.
+        Raises CannotDo, with the message of `astb run` if this refuses.
         """
         stops = self._stops
         if self._watch.lacks_stop:
@@ -138,7 +139,9 @@ class Runs:
         return self._process is not None and self._process.poll() is None
 
     def order(self, do: str, **more: str) -> None:
-        """Send an order to the run: hold, resume, stop, answer. CannotDo without a run, or if it refuses."""
+        """Send an order to the run: hold, resume, stop, answer. Raises CannotDo without a run, or if the run
+        refuses.
+        """
         try:
             answer = knock(self._watch.path, {"do": do, **more})
         except NoRun:
@@ -153,11 +156,11 @@ class Runs:
     def emergency_stop(self, by: str = "") -> str:
         """Bring the bench to its safe position over the buses, and end the run; return a description of the action.
 
-        ``by`` is the name of the user, as far as the page has it.
+        ``by`` is the name of the user, if the page knows it.
 
         The run sends the order to the rig, as its commander. A run that does not answer is killed; the rig then holds
-        and vents, because its commander is lost. Without a run the panel sends the order. CannotDo if the rig did not
-        receive it.
+        and vents, because its commander is lost. Without a run the panel sends the order. Raises CannotDo if the
+        rig did not receive it.
         """
         if self._watch.lacks_stop and not self.going:
             raise CannotDo(f"press the emergency stop on the rig: {self._watch.lacks_stop}")
@@ -184,7 +187,7 @@ class Runs:
         return how
 
     def _look_at_the_air(self) -> None:
-        """Note when the springs are empty after a stop."""
+        """Record the time when the springs are empty after a stop."""
         if self.stopped is None or self.stopped.emptied is not None or self._watch.present().link:
             return
         if all(self._empty(names) for names in _AIR.values()):
@@ -215,11 +218,11 @@ class Runs:
         return "the rig was commanded to its safe position"
 
     def reset(self) -> None:
-        """Clear a latched fault, if the rig has no commander."""
+        """Clear a latched fault. Raises CannotDo if a run commands the rig, or if the rig refuses."""
         self._by_hand(lambda: self._watch.act("action.reset"))
 
     def vent(self) -> None:
-        """Vent both springs, if the rig has no commander."""
+        """Vent both springs. Raises CannotDo if a run commands the rig, or if the rig refuses."""
         self._by_hand(lambda: self._watch.write({"air.left_mode": "vent", "air.right_mode": "vent"}))
 
     def _by_hand(self, do: Callable[[], None]) -> None:
@@ -238,7 +241,9 @@ class Runs:
     # -- state for the page ----------------------------------------------------------------------------------------
 
     def state(self) -> dict[str, Any]:
-        """Return the state of the last run for the page: starting, its verdict, or why it failed."""
+        """Return the state of runs for the page: whether one starts or ends, the last emergency stop, and the result of
+        the last run.
+        """
         snapshot = self._watch.status.run
         if snapshot is not None:
             self._record = snapshot["record"]
@@ -276,7 +281,7 @@ def refuse_settings(plan: str, settings: Mapping[str, str]) -> None:
 
 
 def _conclusion(record: Path, out: Path) -> dict[str, Any]:
-    """Return the content of the page for a finished run; its report can be opened if it is in ``out``."""
+    """Return the result of a finished run for the page. The page can open its report if the record is in ``out``."""
     try:
         result = read_result(record)
     except RecordError as error:

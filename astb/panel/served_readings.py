@@ -18,7 +18,9 @@ _NO_SAMPLE: Final = Sample(nan, inf, Quality.MISSING)
 
 
 class ServedReading(NamedTuple):
-    """A measurement: its ``value`` in the unit of ``signal``, NaN unless the quality is good; time None without one."""
+    """A measurement: ``value`` is in the unit of ``signal``, NaN unless the quality is good. ``time`` is None without a
+    sample.
+    """
 
     signal: Shown
     value: float
@@ -27,7 +29,7 @@ class ServedReading(NamedTuple):
 
 
 class ServedReadings:
-    """The measurements of ``watch``; after any error of reading, none has a value."""
+    """The measurements of ``watch``. If reading them fails, none of them has a value."""
 
     def __init__(self, watch: Watch) -> None:
         self._watch = watch
@@ -37,7 +39,7 @@ class ServedReadings:
         """Return the present readings, one of each measurement."""
         try:
             samples = self._watch.samples()
-        except Exception as error:  # whatever it was: the last values would keep their quality
+        except Exception as error:  # any error: otherwise the last values would keep their quality
             if not isinstance(error, BenchError) and repr(error) != self._fault:
                 self._fault = repr(error)  # reported once, not ten times a second
                 _LOG.exception("the readings of %s could not be read", self._watch.rig.name)

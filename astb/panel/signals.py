@@ -52,7 +52,7 @@ def shown_signals(limits: Sequence[KnownLimit]) -> tuple[Shown, ...]:
 
 
 def shown(signal: Signal, limits: Sequence[KnownLimit] = ()) -> Shown:
-    """Return a measurement for display."""
+    """Return a measurement for display, with the nearest of its ``limits``."""
     read_in = "degC" if signal.unit == "K" else signal.unit
     unit = UNITS[read_in]
     mine = [one.limit for one in limits if one.limit.signal == signal.name]

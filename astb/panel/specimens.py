@@ -59,13 +59,15 @@ class Specimens:
         return [*packaged(), *sorted(own)]
 
     def place(self, name: str) -> str:
-        """Return the argument for `astb run --specimen`, "" for "". CannotDo for a name that is not listed."""
+        """Return the argument for `astb run --specimen`, "" for "". Raises CannotDo for a name that is not listed."""
         if name and name not in self.names():
             raise CannotDo(f"there is no specimen {name!r}; the specimens are {', '.join(self.names())}")
         return str((self._folder / name).resolve()) if name.endswith(".toml") else name
 
     def read(self, name: str) -> Specimen:
-        """Return a specimen; without a name the default one. CannotDo with the message of its reader."""
+        """Return a specimen, by default that of the bench. Raises CannotDo, with the message of the reader, for an
+        invalid file.
+        """
         try:
             return read_specimen(self.place(name) or ORDINARY)
         except SpecimenError as error:
@@ -85,7 +87,7 @@ class Specimens:
         return self._facts(name) | {"rows": list(_rows(content))}
 
     def add(self, name: str, text: str, *, instead: bool = False) -> str:
-        """Store a user's file; return its name. CannotDo, and nothing is stored, if it is not a valid specimen."""
+        """Store a user's file; return its name. Raises CannotDo, and stores nothing, if it is not a valid specimen."""
         if not _NAME.fullmatch(name):
             raise CannotDo(
                 f"{name!r} is not a valid name for the file of a specimen; use a name such as mine.toml"
@@ -121,7 +123,7 @@ class Specimens:
 
 
 def _rows(table: Mapping[str, Any], where: str = "") -> Iterator[dict[str, str]]:
-    """Yield the values and limits of a specimen's file without changes."""
+    """Yield a row for each value and limit in the file of a specimen, in the unit of the file."""
     for key, entry in table.items():
         name = f"{where}{key}"
         if isinstance(entry, dict) and "unit" in entry:

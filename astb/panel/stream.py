@@ -26,7 +26,7 @@ from bench_protocol.units import hours, ms
 
 PERIOD: Final = 66 * ms
 STATUS_EVERY: Final = 3  # pictures
-#: Stretches that are sent again, for samples that come late.
+#: The intervals of this time are sent again, because samples may arrive late.
 _AGAIN: Final = 150 * ms
 HEAD: Final = struct.Struct("<IIIIdd")
 _TRACES_MAX: Final = 12
@@ -34,7 +34,7 @@ _NAME_MAX: Final = 64  # characters of the name of a page
 
 
 def _short(error: Exception) -> str:
-    """Return the error of a message in the 123 bytes of a close frame."""
+    """Return an error as text that fits into a close frame (123 bytes)."""
     return f"the message is not valid JSON: {error}".encode("ascii", "replace")[:100].decode()
 
 
@@ -63,7 +63,7 @@ class Trace:
         self._next = -1
 
     def picture(self) -> bytes:
-        """Return the data since the last picture; b"" if there are none."""
+        """Return the data since the last picture as a binary frame; b"" if there are none."""
         head, fresh = self._scale.head, self._next < 0
         if head < 0 or (head < self._next and not fresh):
             return b""
@@ -125,9 +125,10 @@ class Stream:
                 await asyncio.sleep(PERIOD)
 
     async def _picture(self, socket: WebSocket, trace: Trace) -> bytes:
-        """Return the next picture of a trace, when it is its turn.
+        """Wait for the turn of this page, and return the next picture of a trace.
 
-        An hour of thirty signals takes 50 ms. Pictures use at most half of the time, so that a stop is not delayed.
+        A picture of an hour of thirty signals takes 50 ms. Pictures use at most half of the time, so that a stop is not
+        delayed.
         """
         async with self._turns[self._access.may_command(socket)]:
             now = asyncio.get_running_loop().time

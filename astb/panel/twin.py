@@ -23,13 +23,15 @@ if TYPE_CHECKING:
 
 
 def routes(parts: Parts) -> Sequence[Route]:
-    """Return the route of the view: the findings for a run, by default for the newest one with a twin."""
+    """Return the route of the view: the comparison of a run with its model (twin), by default of the newest run that
+    has one.
+    """
     return [Route("/api/twin", answered(lambda request: twin_runs(parts.out, request)))]
 
 
 def twin_runs(out: Path, request: Request) -> dict[str, Any]:
-    """Return the runs that have a twin, the newest first, and the findings of one. Raises RecordError if it has
-    none.
+    """Return the runs that have a twin, the newest first, and the findings of the requested run. Raises RecordError if
+    this run has no twin.
     """
     runs = (
         [one.directory for one in reversed(RunIndex(out).runs()) if (out / one.directory / TWIN).exists()]

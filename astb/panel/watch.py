@@ -34,7 +34,7 @@ from bench_records.twin import TWIN, read_twin
 
 
 class TwinReader:
-    """Reads the file of the twin of the present run, again after each change."""
+    """Reads the findings of the twin of the present run, and reads them again when the file has changed."""
 
     def __init__(self) -> None:
         self._read: tuple[Path, int] | None = None
@@ -100,17 +100,17 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
 
     link: str  #: reason why the rig is unreachable; "" while it sends
     state: str = UNKNOWN
-    at_rest: bool = False  #: whether its wiring calls the state one of rest
+    at_rest: bool = False  #: whether the wiring lists the state as one of rest
     reason: str = ""
     first_out: str = ""  #: the limit that tripped first
-    tripped: str = ""  #: the signal that it watches
+    tripped: str = ""  #: the signal of this limit
     program: str = ""
     contacts: dict[str, bool] = {}
     readings: tuple[KeyReading, ...] = ()
     lacking: dict[str, str] = {}  #: unknown measurements, each with the reason
     valves: dict[str, str] = {}  #: `VALVES` as they are in force
-    late: int | None = None  #: ticks since the rig started
-    latest: float | None = None  #: s
+    late: int | None = None  #: number of late ticks since the rig started
+    latest: float | None = None  #: largest delay (s) of a tick
     lease: bool = False  #: whether a user commands
     strangers: str = ""
     run: dict[str, Any] | None = None  #: the snapshot of the run, if there is one
@@ -118,7 +118,7 @@ class Status(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Watch:
-    """A rig as shown by the panel, in its own thread: the present ``status`` and the ``envelope`` of the past."""
+    """Watches a rig in its own thread: the present ``status`` of the rig, and the ``envelope`` of past readings."""
 
     def __init__(self, rig: RigFile, path: Path) -> None:
         self.rig, self.path = rig, path
@@ -157,7 +157,7 @@ class Watch:
         self._thread.join(_CONNECT)
 
     def present(self) -> Status:
-        """Return the status. An outdated status is returned with a lost link."""
+        """Return the status. If it is outdated, ``link`` of the returned status states this."""
         blind = 0.0 if self._looks is None else (self.clock.now() - self._looks) / NS
         if self.status.link or blind < BLIND:
             return self.status
@@ -173,12 +173,12 @@ class Watch:
         self._connected().settings.go_safe(self.clock)
 
     def glimpses(self, names: Iterable[str]) -> dict[str, float]:
-        """Return the last values of signals that the rig sends (SI), NaN without one; this requests nothing."""
+        """Return the last values of signals that the rig sends (SI), NaN without one. No request is sent to the rig."""
         listening = self._listening
         return {name: np.nan if listening is None else listening.readings.glimpse(name) for name in names}
 
     def samples(self) -> dict[str, Sample]:
-        """Return value (SI), age and quality of the shown signals that the rig sends; this requests nothing."""
+        """Return value (SI), age and quality of the shown signals that the rig sends. No request is sent to the rig."""
         listening = self._listening
         if listening is None:
             return {}
@@ -259,7 +259,7 @@ class Watch:
         self.envelope.take(times[kept], rows[kept], numbers)
 
     def _offline_status(self, link: str) -> Status:
-        """Return the status without the rig."""
+        """Return the status while the rig is unreachable; ``link`` is the reason. It still contains the run."""
         run, pid = self._run()
         return Status(link=link or "the connection is lost", run=run, pid=pid)
 

@@ -63,7 +63,9 @@ class Past(NamedTuple):
 
     @classmethod
     def named(cls, text: str, changes: Changes) -> "Past":
-        """Read ``RUN@TIME``. Raises ValueError or RecordError with the correct form."""
+        """Return the run and the time in a text ``RUN@TIME``. Raises ValueError or RecordError, which state the correct
+        form.
+        """
         directory, mark, time = text.rpartition("@")
         if not mark:
             raise ValueError(f"--from {text}: write RUN@TIME, such as runs/aw0@70s")
@@ -81,8 +83,8 @@ class Past(NamedTuple):
         return self.at + self.record.start_ns / NS
 
     def again(self, simulation: Simulation) -> dict[str, Any]:
-        """Return the arguments for `rehearse` on the rig of a ``simulation``. Raises ParameterError for impossible
-        ones.
+        """Return the arguments with which `rehearse` repeats and changes the run on the rig of a ``simulation``. Raises
+        ParameterError for impossible changes.
         """
         changed = self._changed(simulation)
         otherwise = Otherwise.of(changed, self.seed, self.changes.effects, self.changes.parameters)
@@ -94,7 +96,9 @@ class Past(NamedTuple):
         }
 
     def _changed(self, simulation: Simulation) -> Simulation:
-        """Return the simulation of the run: with its own effects, and with the faults from that time on."""
+        """Return ``simulation`` with the effects of the recorded run, and with the new faults from the time of the
+        change on.
+        """
         if not 0.0 < self.at < self.record.duration:
             raise RecordError(
                 f"{self.at:g} s is not within {self.record.path}; choose a time between 0 and "

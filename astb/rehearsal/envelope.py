@@ -10,7 +10,7 @@ from bench_protocol.units import ms
 from bench_records.layout import Phase
 from bench_records.record import Record
 
-#: Between the two samples whose difference is a speed: below the shortest wave, above the steps of the transducers.
+#: Time between the two samples that give a speed: less than the shortest wave, more than the steps of the transducers.
 SPEED_OVER: Final = 20 * ms
 
 
@@ -19,7 +19,7 @@ class Extreme(msgspec.Struct, frozen=True):
 
     signal: str
     unit: str  #: display unit
-    scale: float  #: SI value of one of them
+    scale: float  #: SI value of one display unit
     low: float
     low_at: float
     low_in: str
@@ -32,7 +32,7 @@ class Extreme(msgspec.Struct, frozen=True):
 def step_at(phases: Sequence[Phase], time: float) -> str:
     """Return the step of a run at ``time`` (s): its part, and the finest phase in it; "" outside all of them.
 
-    A sample at the very end of a step belongs to it.
+    A sample at the very end of a step belongs to this step.
     """
     inside = sorted(
         (phase for phase in phases if phase.start < time <= phase.end or phase.start == time == 0.0),

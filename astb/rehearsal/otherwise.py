@@ -18,7 +18,7 @@ _KEPT: Final = "the mass and the energy of the gas remain, so its pressure chang
 
 
 class Otherwise(NamedTuple):
-    """The parameters ``names`` that change to those of ``record`` at an instant, and the changes as text."""
+    """The names of the parameters that change, a record with their new values, and the changes as text."""
 
     names: list[str]
     record: Any

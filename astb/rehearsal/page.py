@@ -138,7 +138,7 @@ def sentence(found: Rehearsal) -> str:
 
 
 def limit_line(row: LimitMargin) -> str:
-    """Return a limit and how close it came, in a line of text."""
+    """Return a line of text on a limit, and on how close the plan came to it."""
     began = f" from {row.began}" if row.began else ""
     where = f" in {row.step} at {row.time:.2f} s" if row.closest and row.step else ""
     return (

@@ -45,7 +45,9 @@ _OUR_WIRES: Final = ("control.", "lease.")
 
 
 class LimitMargin(msgspec.Struct, frozen=True):
-    """The smallest margin of a plan to one limit; SI, with ``judged`` and ``margin`` in the limit's own quantity."""
+    """The smallest margin of a plan to one limit. Values are SI, in the quantity that the limit judges, such as a
+    rate.
+    """
 
     signal: str
     kind: str
@@ -118,8 +120,8 @@ def rehearse(
     """Run ``plan`` in virtual time on the simulation of ``rig``; return the result, and the directory of its record.
 
     The default of ``simulation`` is that of `simulation_of`; the limits are those of ``rig`` in any case. Signals that
-    the wiring of a real rig lacks are missing on the simulated one, too. ``begin`` receives the origin for the record;
-    ``prepare`` receives the simulated rig before it runs, and ``notes`` describe its effect. Raises ValueError for an
+    the wiring of a real rig lacks are missing on the simulated one, too. ``begin`` receives the metadata of the record;
+    ``prepare`` receives the simulated rig before it runs, and ``notes`` describe this change. Raises ValueError for an
     invalid limit or parameter, WiringError for an invalid wiring, RecordError for a directory that cannot be written.
     """
     limits, absent = known_limits(rig), _lacking(rig, path)

@@ -1,4 +1,6 @@
-"""Watches the limit detectors of a simulated rig: how close each came, what tripped, and how much air was taken."""
+"""Watches the limit detectors of a simulated rig: the smallest margin of each, the trips, and the air that was taken
+in.
+"""
 
 from collections.abc import Sequence
 from typing import Final, NamedTuple
@@ -13,15 +15,13 @@ from bench_sim.rig.controls import FAST
 from bench_sim.rig.limits import Limit, LimitAction
 from bench_sim.rig.rig import Rig
 
-#: Samples that are looked at together.
+#: Number of samples that are evaluated together.
 _BLOCK: Final = 4096
 _ENDS: Final = (LimitKind.LOWER, LimitKind.UPPER)
 
 
 class Closest(NamedTuple):
-    """The smallest margin of a limit to tripping; ``judged`` is compared with ``at``, both SI and in the limit's own
-    quantity.
-    """
+    """The smallest margin of a limit. ``judged`` is the value that the limit compares with its threshold, in SI."""
 
     judged: float  #: the value farthest out for the duration that the limit requires; NaN if there is none
     tick: int  #: when, in ticks of the rig
@@ -37,9 +37,9 @@ class Trip(NamedTuple):
 
 
 class LimitWatch:
-    """Observes every sample between a rig and its clock. It is over at the first limit that ends a plan.
+    """Observes every sample between a rig and its clock, up to the first trip that ends a plan.
 
-    Later samples, when the bench vents and sinks, are not caused by the plan.
+    Later samples do not count, because the bench then vents and sinks.
     """
 
     def __init__(self, rig: Rig, limits: Sequence[Limit]) -> None:
@@ -50,7 +50,7 @@ class LimitWatch:
         self._samples = rig.detectors["samples"].copy()
         self._tail = max(1, int(self._samples.max()))
         self._judged = np.full((_BLOCK + self._tail, len(limits)), -np.inf)
-        self._count = self._tail  # the first rows are those before
+        self._count = self._tail  # the first rows are from the block before
         self._worst = np.full(len(limits), -np.inf)
         self._worst_tick = np.zeros(len(limits), np.int64)
         self._rest = np.full(len(limits), np.nan)
@@ -61,7 +61,7 @@ class LimitWatch:
         self.over: Trip | None = None  #: the trip that ends the plan
 
     def run(self, ticks: int) -> Block:
-        """Run the rig like `Rig.run`."""
+        """Run the rig for ``ticks`` ticks, like `Rig.run`, and observe its limits."""
         blocks = []
         while ticks > 0:
             part = min(ticks, FAST - self._tick % FAST)
@@ -94,7 +94,7 @@ class LimitWatch:
         if np.isnan(self._rest).any():
             self._rest = np.where(np.isnan(self._rest), judged, self._rest)
         masses = self._air()
-        if self._rig.plant.inputs[Input.SUPPLY] > 0.0:  # a vented spring also breathes
+        if self._rig.plant.inputs[Input.SUPPLY] > 0.0:  # air that enters a vented spring does not count
             self.air += float(np.maximum(masses - self._masses, 0.0).sum())
         self._masses = masses
         if (tripped & ~self._known).any():

@@ -18,7 +18,9 @@ __all__ = ["DiagnosisError", "ParameterError", "RecordError", "Screen", "compari
 
 
 def watch_on_screen(directory: Path, model: str) -> TwinStory:
-    """Watch a run to its end like `watch`, with the results on the terminal; return the last story."""
+    """Compare a run with its model until the run ends, and show the results on the terminal. Return the last
+    results.
+    """
     printed: dict[int, int] = {}
     with Screen() as screen:
 
@@ -34,7 +36,9 @@ def watch_on_screen(directory: Path, model: str) -> TwinStory:
 
 
 def lines(deviation: Deviation, word: str) -> list[str]:
-    """Return the lines for a deviation, after the ``word`` for its change."""
+    """Return the lines of text on a deviation. ``word`` states how it has changed; "told" stands for a new
+    deviation.
+    """
     head = "deviation" if word == "told" else f"deviation, {word}"
     if deviation.summary is None:
         return [f"{head}: {deviation.sentence}"]
@@ -42,7 +46,7 @@ def lines(deviation: Deviation, word: str) -> list[str]:
 
 
 class Screen:
-    """Prints lines, and on a terminal shows the last block of each reading below them; through a pipe only lines."""
+    """Prints lines. On a terminal, it also shows the last block of each reading below them."""
 
     def __init__(self) -> None:
         self._console = open_console()
@@ -66,15 +70,16 @@ class Screen:
             click.echo(text)
 
     def show(self, story: TwinStory) -> None:
-        """Show the present state of a story."""
+        """Show the last means of each reading in ``story``, if the output is a terminal."""
         if self._live.is_started and story.last_minute:
             self._live.update(comparison_table(story.last_minute, story), refresh=True)
 
 
 def comparison_table(minute: LastMinute, story: TwinStory) -> Table:
-    """Return a table of the last mean of each reading, its expected value, and their difference over its uncertainty.
+    """Return a table of the last mean of each reading, its expected value, and their difference divided by its
+    uncertainty.
 
-    The uncertainty is expanded (k = 2). Red is what lies beyond it.
+    The uncertainty is expanded (k = 2). Larger differences are red.
     """
     deviation = story.present_deviation
     word = f"deviates from its model since {deviation.since:.1f} s" if deviation else "agrees with its model"

@@ -1,4 +1,4 @@
-"""Reads a run again and again until it ends, and stores the results of the twin."""
+"""Reads a run again and again until it ends, compares it with its model, and stores the results."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -24,10 +24,10 @@ BEGINS: Final = 30.0
 
 
 def watch(directory: Path, model: str, report: Callable[[TwinStory], None]) -> TwinStory:
-    """Watch the run in ``directory`` to its end with a ``model``; call ``report`` after every look; return the last
-    story.
+    """Compare the run in ``directory`` with a ``model`` until the run ends. Store the results after each step, and pass
+    them to ``report``; return the last results.
 
-    Raises ParameterError for the model, RecordError if no run begins within `BEGINS` or it cannot be read, and
+    Raises ParameterError for the model, RecordError if no run begins within `BEGINS` or if it cannot be read, and
     DiagnosisError if the model cannot be compared with the rig.
     """
     parameters = load(model)
@@ -59,7 +59,9 @@ def watch(directory: Path, model: str, report: Callable[[TwinStory], None]) -> T
 
 
 def _opened(directory: Path, clock: RealClock) -> Record:
-    """Return the record of a run in progress, or of a finished one; a run that is about to begin is waited for."""
+    """Return the record of a run in progress, or of a finished one. Waits up to `BEGINS` s for a run that is about to
+    begin.
+    """
     until = clock.now() + round(BEGINS * NS)
     while clock.now() < until and not any((directory / name).exists() for name in (STREAM, PARQUET)):
         clock.sleep_until(clock.now() + round(0.1 * NS))

@@ -1,4 +1,6 @@
-"""Plans that a rig cannot run because it lacks signals or dimensions, and the blocked checks of aw0 and aw3."""
+"""Effects of missing signals or dimensions: plans that cannot run, and checks of the plans aw0 and aw3 that are
+impossible.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,7 @@ from test_plans.steps.shaking import LATERAL_NEEDS, vertical_needs
 
 
 def plans_by_need() -> dict[str, set[str]]:
-    """Return the names of the plans that need each signal or dimension to begin."""
+    """Return, for each signal or dimension, the names of the plans that cannot start without it."""
     found: dict[str, set[str]] = {}
     for name, plan in plans().items():
         for need in plan.needs:
@@ -21,7 +23,9 @@ def plans_by_need() -> dict[str, set[str]]:
 
 
 def missing(absent: Iterable[str]) -> list[Missing]:
-    """Return the needed names of ``absent``, each once, grouped by the plans that they block; the most plans first."""
+    """Return the names in ``absent`` that plans need, each once. Names that block the same plans form one group; the
+    group that blocks the most plans comes first.
+    """
     needed, groups = plans_by_need(), dict[tuple[str, ...], list[str]]()
     for name in dict.fromkeys(absent):
         if blocked := needed.get(name):
@@ -31,7 +35,9 @@ def missing(absent: Iterable[str]) -> list[Missing]:
 
 
 def checks_without(absent: Mapping[str, str]) -> dict[str, str]:
-    """Return the checks of aw0 and aw3 that need the signals ``absent``, each with its missing signals."""
+    """Return the checks of the plans aw0 and aw3 that are impossible without the signals ``absent``, each with the
+    names of these signals.
+    """
     needs = {
         "standing without being held sideways": carrying.FREE_SIDEWAYS,
         **{f"{side} vertical stiffness": vertical_needs({}, side) for side in SIDES},

@@ -1,4 +1,4 @@
-"""Examination of a rig without commands: every signal with its source, rate, age and value."""
+"""Check of a rig without commands: the source, rate, age and value of every signal."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ _EXPECTED: Final = (
 
 
 def examine(listening: Listening, rig: str = "", dimensions: Dimensions | None = None) -> CheckReport:
-    """Listen for a while, and return the findings about ``rig``. Nothing is written, and nothing moves.
+    """Receive signals for 2 s, and return the findings about ``rig``. Nothing is written, and nothing moves.
 
-    Dimensions that plans need and ``dimensions`` does not state are missing, as absent signals are.
+    If ``dimensions`` is given, each dimension that plans need and that it does not state is reported as missing.
     """
     return _Examination(listening).report(rig, dimensions)
 
@@ -120,7 +120,7 @@ class _Examination:
         return self._line(signal, mean, source, rate=times.size / LISTEN, age=age)
 
     def _line_on_request(self, signal: Signal) -> SignalLine:
-        """Return the line of a signal that the rig sends only on request."""
+        """Read a signal that the rig sends only on request, and return the line of the report about it."""
         source = self.wiring.source(signal.name)
         try:
             value = self.wiring.read([signal.name])[signal.name]

@@ -1,4 +1,4 @@
-"""Motions without air that show the dimensions of a rig, and a fit that compares all of them with the stated values."""
+"""Motions of a rig without air, and a fit of all its dimensions to them, which are compared with the stated values."""
 
 from __future__ import annotations
 
@@ -38,11 +38,12 @@ from test_plans.steps.shaking import generator_cycles
 if TYPE_CHECKING:
     from drivers.bench import Bench
 
-#: The bolster hangs this far above its place of rest, and closer to it while one side is lowered.
+#: Height of the hanging bolster above its position of rest, and its height before one side is lowered.
 HIGH: Final = 12 * mm
 LOW: Final = 6 * mm
 RATE: Final = 10 * mm / s
-#: One spring at a time is pressed with this force beyond the hanging bolster, in steps. From `CONTACT` on it carries.
+#: One spring at a time is pressed in steps, up to this force above that of the hanging bolster. It carries from
+#: `CONTACT` on.
 PRESSED: Final = 20 * kN
 CONTACT: Final = 3 * kN
 PRESS_STEP: Final = 0.5 * mm
@@ -56,8 +57,8 @@ SLOW: Final = 0.5 * Hz
 LEAD: Final = 1
 CYCLES: Final = 6
 LEAST: Final = 5 * s
-#: Sideways the slow motion shows heights by a small force: it lasts longer where the transducers are good enough to
-#: use that, and stays clear of the bump stop.
+#: Duration of the slow lateral motion, which determines heights from a small force, if instruments are described.
+#: `CLEAR` is the share of the gap to the bump stop that the motion uses.
 SIDEWAYS: Final = 48 * s
 CLEAR: Final = 0.6
 #: Maximum share of the available force of the lateral actuator.
@@ -76,7 +77,7 @@ HANGING: Final = (
 )
 #: The same for the bolster while it is pressed on both stops.
 ON_THE_STOPS: Final = (("vertical", 1 * mm, SLOW), ("roll", 1 * mrad, SLOW), ("vertical", 1 * mm, 2 * Hz))
-#: Fastest wave if the bench streams it, and the samples needed for each cycle.
+#: Highest frequency of a wave that the bench streams, and the number of samples needed for each cycle.
 STREAMED: Final = 4 * Hz
 SAMPLES: Final = 5
 #: Rate of the set-points of a streamed wave. Straight lines between them cause a relative error of (πf/rate)²/3.
@@ -96,7 +97,9 @@ _SETPOINT: Final = {"platform_roll": "platform.roll_setpoint", "lateral": "later
 
 
 class Measuring:
-    """Moves a ``bench`` that is armed and without air, and compares the measured dimensions with the stated ones."""
+    """Moves an armed ``bench`` whose springs are without air, measures its dimensions, and compares them with the
+    stated ones.
+    """
 
     def __init__(self, bench: Bench, lines: list[MoveLine]) -> None:
         self._bench, self._lines = bench, lines
@@ -108,11 +111,11 @@ class Measuring:
         self._resting = dict[str, float]()
 
     def resting(self) -> None:
-        """Record the position of rest of the bolster."""
+        """Record the positions of the pistons while the bolster rests on its stops."""
         self._resting = {name: self._bench.average(name, over=REST) for name in PISTONS}
 
     def hanging(self) -> None:
-        """Shake the bolster, and the platform below it, while the bolster hangs on the actuators."""
+        """Move the bolster, and the platform below it, with sines while the bolster hangs on the actuators."""
         self._to(HIGH, HIGH)
         for axis, amplitude, frequency in HANGING:
             setpoint = _SETPOINT.get(axis)
@@ -120,7 +123,9 @@ class Measuring:
                 self._shake(axis, amplitude, frequency)
 
     def one_by_one(self) -> None:
-        """Press one spring while the other hangs free: the moment divided by the force of the cells is its position."""
+        """Press each spring while the other one is free. The moment of the load cells divided by their force is the
+        spring's position.
+        """
         for side in SIDES:
             self._to(LOW, LOW)
             before = self._readings_at_rest()
@@ -131,7 +136,7 @@ class Measuring:
         self._to(LOW, LOW)
 
     def pressed(self) -> None:
-        """Shake the bolster on both stops."""
+        """Move the bolster with sines while it is pressed on both stops."""
         self._bench.vertical.preload(BOTH, BOTH, within=10 * s)
         self._bench.vertical.hold_position()
         for axis, amplitude, frequency in ON_THE_STOPS:
@@ -141,7 +146,7 @@ class Measuring:
         self._report_undetermined()
 
     def compare(self) -> None:
-        """Fit all dimensions at once, and record each with its stated value."""
+        """Fit all dimensions at once, and record each of them next to its stated value."""
         lacking = self._bench.lacks(*LASERS, *PISTONS, *FORCES)
         if lacking or not self._motions:
             self._lines.append(_untold("dimensions", f"cannot be measured: {lacking or 'nothing moved'}"))
@@ -159,13 +164,17 @@ class Measuring:
     # -- motions -----------------------------------------------------------------------------------------------------
 
     def _to(self, left: float, right: float, rate: float = RATE) -> None:
-        """Move the pistons to this height above their position of rest (m)."""
+        """Move the pistons to the heights ``left`` and ``right`` above their positions of rest (m), at ``rate`` (m/s),
+        and wait.
+        """
         resting = [self._resting[name] for name in PISTONS]
         self._bench.vertical.move_to(resting[0] + left, resting[1] + right, rate=rate)
         self._bench.wait(SETTLE)
 
     def _tilt(self, side: str, up: float) -> None:
-        """Move one piston to ``up`` m above its position of rest, and turn the bolster about the other spring."""
+        """Move the piston of ``side`` to ``up`` m above its position of rest. The bolster turns about the spring of the
+        other side.
+        """
         names = ("spring_half_spacing", across(f"vertical_{side}"))
         spring, piston = (1.0, 1.0) if self._rig.lacks(*names) else (abs(self._rig[name]) for name in names)
         other = LOW + (up - LOW) * (spring - piston) / (spring + piston)
@@ -173,7 +182,7 @@ class Measuring:
         self._to(left, right, PRESS_RATE)
 
     def _store_change(self, before: Mapping[str, tuple[float, float]], side: str) -> None:
-        """Store the change of all readings since ``before``; only the spring of one ``side`` has moved."""
+        """Store the change of all readings since ``before``. Only the spring of ``side`` has moved since then."""
         after = self._readings_at_rest()
         change = {name: complex(after[name][0] - before[name][0]) for name in self._names}
         noise = {name: hypot(after[name][1], before[name][1]) for name in self._names}
@@ -182,7 +191,8 @@ class Measuring:
     def _shake(self, axis: Any, amplitude: float, frequency: float) -> tuple[Samples, dict[str, Samples]]:
         """Move ``axis`` with a sine and store the amplitudes of all readings.
 
-        Return times and readings of the steady cycles, at common times; nothing if the rig cannot do it.
+        Return times (s) and readings of the steady cycles, all at the same times. Both are empty if the rig cannot do
+        this motion.
         """
         bench = self._bench
         names = [name for name in self._names if bench.receiver.rates.get(name, inf) >= SAMPLES * frequency]
@@ -217,7 +227,9 @@ class Measuring:
         return times[steady], {name: series[steady] for name, series in values.items()}
 
     def _press(self, side: str) -> None:
-        """Lower one side until its spring carries `PRESSED`, and store the change since it carried `CONTACT`."""
+        """Lower one side in steps until its spring carries the force `PRESSED`. Store the change of all readings since
+        it carried `CONTACT`.
+        """
         bench, force = self._bench, FORCES[SIDES.index(side)]
         hanging = bench.average(force, over=SETTLE)
         low, step, before, carried = 1 * mm, PRESS_STEP, None, 0.0
@@ -237,7 +249,7 @@ class Measuring:
             self._store_change(before, side)
 
     def _readings_at_rest(self) -> dict[str, tuple[float, float]]:
-        """Return the mean of each reading at rest, and its standard deviation."""
+        """Return the mean of each reading at rest, and the standard deviation of this mean, by name."""
         with self._bench.capture(*self._names) as capture:
             self._bench.wait(REST)
         found = {}
@@ -259,7 +271,7 @@ class Measuring:
     def _ahead(self, times: Samples, values: Mapping[str, Samples]) -> None:
         """Measure the longitudinal position of the springs' force with the load cells, and record it.
 
-        Errors of seats or actuators in this direction do not appear in sums of cells.
+        The sums of the cells do not show an error of a seat or of an actuator in this direction.
         """
         cells = [cell for cell in described(self._rig) if cell in values]
         if self._rig.lacks(*CELLS) or {"force upward", "pitch moment"} & set(unseen(self._rig, cells)):
@@ -295,7 +307,9 @@ class Measuring:
         )
 
     def _report_undetermined(self) -> None:
-        """State which forces and moments the load cells do not measure; loads and roll are needed."""
+        """Record which of the six forces and moments the load cells cannot measure. The upward force and the roll
+        moment are required.
+        """
         if self._rig.lacks(*CELLS):
             return
         cells = [cell for cell in described(self._rig) if self._bench.has(cell)]
@@ -347,7 +361,9 @@ class Measuring:
 
 
 def _sine(times: Samples, values: Samples, frequency: float) -> tuple[complex, float]:
-    """Return the complex amplitude of a sine on a slow drift, and the standard deviation of each component."""
+    """Return the complex amplitude of a sine with a slow drift, and the standard deviation of its real and of its
+    imaginary part.
+    """
     turn = tau * frequency * times
     columns = np.column_stack([np.cos(turn), -np.sin(turn), np.ones_like(times), times - times.mean()])
     solved, *_ = np.linalg.lstsq(columns, values, rcond=None)

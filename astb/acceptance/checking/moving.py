@@ -39,7 +39,9 @@ _LATENCY_MAX: Final = 500 * ms
 
 
 def move_each(bench: Bench) -> list[MoveLine]:
-    """Return the findings of the moves of a connected ``bench``. It is at rest without air before and after them."""
+    """Move each axis of a connected ``bench``, and return the findings. The bench must be at rest without air; at the
+    end it is brought to rest.
+    """
     book = _Moves(bench)
     if why := _not_now(bench):
         book.note("all moves", False, why, "at rest, without air")
@@ -96,9 +98,11 @@ class _Moves:
         self.lines.append(MoveLine(what=what, verdict=Plausibility.UNTOLD, found=why))
 
     def by(self, targets: Mapping[str, float], rate: float, *also: str) -> dict[str, float]:
-        """Change readings ``targets`` by these amounts (SI); return the measured changes of them and of ``also``.
+        """Change the readings ``targets`` by these amounts (SI). Return the measured changes of ``targets`` and
+        ``also``, by name.
 
-        This waits for the ramps only. The measured values need not arrive, because they are the subject of the test.
+        Only the end of the ramps is awaited. The readings need not reach their targets, because this is what the test
+        checks.
         """
         bench = self._bench
         names = [name for name in dict.fromkeys([*targets, *also]) if bench.has(name)]
@@ -121,7 +125,9 @@ class _Moves:
         return {name: after[name] - before[name] for name in names}
 
     def _feel(self, name: str, start: float, change: float, rate: float) -> None:
-        """Move an axis a little for the first time. Raises RigFault if it goes much further, as with a wrong scale."""
+        """Move an axis by ``change`` for the first time. Raises RigFault if it goes more than three times as far, as
+        with a wrong scale.
+        """
         bench, signal = self._bench, self._bench.table[name]
         before = bench.average(name, over=_OVER)
         bench.commander.ramp(f"{name}_setpoint", start + change, rate)
@@ -142,7 +148,9 @@ class _Moves:
         self.compare(f"{name} follows its set-point", name, found, wanted)
 
     def compare(self, what: str, name: str, found: float, right: float) -> None:
-        """Record whether two changes agree, within the noise of the signal ``name`` and a fifth."""
+        """Record whether the changes ``found`` and ``right`` agree, within the noise of the signal ``name`` or 20 %,
+        the larger of both.
+        """
         signal = self._bench.table[name]
         noise = _NOISE[signal.si]
         good = abs(found - right) <= max(noise, _BAND * abs(right))
@@ -154,7 +162,9 @@ class _Moves:
         )
 
     def _latency(self, name: str, times: np.ndarray, values: np.ndarray, change: float, lasts: float) -> None:
-        """Record the time from the set-point until a reading has made half of its change, if it does."""
+        """Record the delay of a reading behind its set-point, at half of the change. Nothing is recorded for a reading
+        that makes less than half of the change.
+        """
         if values.size < 2 or abs(values[-1] - values[0]) < 0.5 * abs(change):
             return
         past = np.abs(values - values[0]) >= 0.5 * abs(values[-1] - values[0])
@@ -184,7 +194,9 @@ def _sum(changes: Mapping[str, float], names: tuple[str, ...]) -> float | None:
 
 
 def _lift(bench: Bench, book: _Moves) -> None:
-    """Lift both sides: heights follow the actuators, and the load cells lose the weight that the actuators carry."""
+    """Lift both sides. Check that the heights follow the actuators, and that the load cells lose the weight that these
+    carry.
+    """
     _in_displacement(bench, "vertical")
     book.dimensions.resting()
     pistons = {f"vertical_{side}.displacement": LIFT for side in SIDES}
@@ -207,7 +219,7 @@ def _lift(bench: Bench, book: _Moves) -> None:
 
 
 def _sides(bench: Bench, book: _Moves) -> None:
-    """Lift one side only: its own laser measures the lift, and the other does not."""
+    """Lift one side after the other. Check that the laser on the lifted side measures the larger change."""
     for side, other in (SIDES, SIDES[::-1]):
         name = f"vertical_{side}.displacement"
         changes = book.by({name: STEP}, RATE, *(f"{one}.height" for one in SIDES))
@@ -259,7 +271,7 @@ def _platform(bench: Bench, book: _Moves) -> None:
 
 
 def _sideways(bench: Bench, book: _Moves) -> None:
-    """Move the bolster to the left: the lateral cells measure the reaction force."""
+    """Move the bolster to both sides, and compare the lateral load cells with the force of the lateral actuator."""
     _in_displacement(bench, "lateral")
     for step in (STEP, -2 * STEP, STEP):
         changes = book.by({"lateral.displacement": step}, RATE, "lateral.force", *SHEAR_CELLS)

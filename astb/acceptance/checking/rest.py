@@ -26,7 +26,9 @@ _CELLS: Final = BY_GROUP[Group.VERTICAL_LOAD_CELL]
 
 
 def doubts(means: Mapping[str, float], signals: Mapping[str, Signal], *, at_rest: bool) -> dict[str, str]:
-    """Return errors of the readings ``means`` (SI), by signal; for a moving bench only impossible values."""
+    """Return a text on each wrong reading of ``means`` (SI), by signal. If the bench is not ``at_rest``, only
+    impossible values count.
+    """
     found = {}
     for name, value in means.items():
         signal = signals[name]
@@ -61,7 +63,7 @@ def _fits(group: Group, value: float) -> bool:
 
 
 def _guess(signal: Signal, value: float) -> str:
-    """Return a likely cause of the value, if it is simple."""
+    """Return a likely cause of a wrong value, as the end of a sentence; "" if none is known."""
     if signal.group in (Group.PRESSURE, Group.SUPPLY_PRESSURE):
         if abs(value - ATMOSPHERE) < _WEATHER:
             return ': an absolute pressure? then calibration = { offset = "-1.01325 bar" }'
@@ -84,7 +86,7 @@ def _guess(signal: Signal, value: float) -> str:
 
 
 def _together(means: Mapping[str, float], signals: Mapping[str, Signal]) -> dict[str, str]:
-    """Return contradictions between readings."""
+    """Return a text on each reading that contradicts another one, by signal."""
     found = {}
     cells = [name for name in _CELLS if name in means]
     for name in cells:

@@ -69,7 +69,7 @@ START: Final[Values] = {
         for one, two in (("", ".height"), ("vertical_", ""))
     },
 }
-#: 2 % of this at least, of a height or place that may be 0; of a direction it is the tilt.
+#: Smallest scale of a dimension, by its unit, because a height or a position may be 0. For a direction it is the tilt.
 SCALE: Final = {"m": 0.2, "1": 1.0, "s": 1 * ms}
 #: Largest half-width of a value that is compared, relative to its scale.
 WANTED: Final = 0.02
@@ -82,7 +82,7 @@ ITERATIONS: Final = 8
 UNSEEN: Final = "no motion of this check depends on this dimension"
 #: Number of the largest deviations that are tried as the cause of a contradiction.
 TRIED: Final = 10
-#: All places of the upright cells across, by one factor: a wrong drawing of the platform.
+#: One factor on the lateral positions of all upright cells, for a wrong drawing of the platform.
 CELLS_ACROSS: Final = "places of the load cells across"
 _INERTIA: Final = "roll inertia"
 _TORSION: Final = "torsion of a stop"
@@ -100,7 +100,9 @@ class Motion:
 
 
 class _Estimate(NamedTuple):
-    """Value and standard deviation of an unknown from the motions and from the stated values of all others."""
+    """Value and standard deviation of an unknown, from the motions and the priors of all other unknowns, without its
+    own prior.
+    """
 
     value: float
     u: float
@@ -108,13 +110,13 @@ class _Estimate(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """Estimate of one dimension from the motions, with the stated uncertainty of all others."""
+    """Estimate of one dimension from the motions, computed with the stated uncertainties of all other dimensions."""
 
     name: str
     value: float
     uncertainty: float  #: expanded uncertainty, k = 2
     contradicted: bool = False
-    rivals: tuple[str, ...] = ()  #: dimensions that would explain the contradiction as well
+    rivals: tuple[str, ...] = ()  #: dimensions that could also explain the contradiction
     unresolved: str = ""  #: reason why it is not known well enough to be compared
 
 
@@ -208,7 +210,7 @@ class RigidBody:
     def _equations(
         self, motion: Motion, values: Mapping[str, Any], rig: Mapping[str, Any]
     ) -> Iterator[list[Any]]:
-        """Yield the terms of each equation that the signals of a motion allow; each list adds up to 0."""
+        """Yield the equations that the signals of ``motion`` allow, each as a list of terms whose sum should be 0."""
         w = tau * motion.frequency
         c = {
             name: value * (1 + 1j * w * rig[lag(name)]) * (1 - rig[f"{name} gain"])
@@ -278,7 +280,9 @@ class RigidBody:
         return found
 
     def _residuals(self, at: Mapping[str, Floats]) -> Floats:
-        """Return all equations over their standard deviations, for all sets of unknowns in ``at``: (n, sets)."""
+        """Return the residuals: each equation divided by its standard deviation, for all sets of unknowns in ``at``.
+        Shape (n, sets).
+        """
         rig, found = self._rig(at), list[Floats]()
         for motion, sigma in zip(self.motions, self._weights, strict=True):
             for terms, one in zip(self._equations(motion, motion.values, rig), sigma, strict=True):
@@ -289,7 +293,9 @@ class RigidBody:
     # -- least squares -----------------------------------------------------------------------------------------------
 
     def _solve(self, sigmas: Mapping[str, float]) -> tuple[Floats, Floats, float]:
-        """Return unknowns and covariance in units of their prior ``sigmas``, and χ² with the priors: Gauss-Newton."""
+        """Solve the least-squares problem by Gauss-Newton steps. Return the changes of the unknowns in units of
+        ``sigmas``, their covariance, and χ² with the priors.
+        """
         names = list(self._unknowns)
         size = np.array([sigmas[name] for name in names])
         start = np.array([self._unknowns[name].start for name in names])
@@ -327,7 +333,9 @@ class RigidBody:
         return found, chi
 
     def estimates(self) -> list[Estimate]:
-        """Return an estimate of each dimension. Contradicted priors are removed, the largest contradiction first."""
+        """Return an estimate of each dimension. While a stated value is contradicted, the prior whose removal reduces
+        χ² most is removed.
+        """
         freed, rivals = set[str](), dict[str, tuple[str, ...]]()
         exact = {name: EXACT * one.scale if one.known else one.sigma for name, one in self._unknowns.items()}
         noise = {name: one.u for name, one in self._estimates_without_prior(exact)[0].items()}
@@ -359,17 +367,18 @@ class RigidBody:
         return found
 
     def _count(self) -> int:
-        """Return the number of real equations."""
+        """Return the number of real equations; a complex equation counts as two."""
         return len(self._residuals({name: np.array([one.start]) for name, one in self._unknowns.items()}))
 
     def _contradicted(
         self, estimates: Mapping[str, _Estimate], noise: Mapping[str, float], freed: set[str]
     ) -> list[str]:
-        """Return the dimensions whose stated value is contradicted, the largest deviation first.
+        """Return the dimensions whose stated values may be wrong, the largest deviation first; none if no value is
+        contradicted.
 
-        A deviation has to exceed the noise (`SURE`), the half-width of the stated value, and the effect of the
-        half-widths of the others. A half-width is a = √3 σ, a hard bound. If one dimension does, all that deviate are
-        candidates.
+        A deviation contradicts a stated value if it exceeds the sum of the noise (`SURE`), the half-width of the stated
+        value, and the effect of the half-widths of the others. A half-width is a hard bound, a = √3 σ. If one value is
+        contradicted, every dimension with a stated value is a candidate.
         """
         found, contradicted = dict[str, float](), False
         for name, one in self._unknowns.items():
@@ -386,7 +395,7 @@ class RigidBody:
         return sorted(found, key=lambda name: -found[name])[:TRIED] if contradicted else []
 
     def _entangled(self, noise: Mapping[str, float]) -> dict[str, str]:
-        """Return for each unknown why the motions alone do not determine it."""
+        """Return, for each unknown, a text on why the motions alone do not determine it."""
         wide = {name: 0.3 * one.scale if one.known else one.sigma for name, one in self._unknowns.items()}
         _, covariance, _ = self._solve(wide)
         names, size = list(self._unknowns), np.sqrt(np.diag(covariance))
@@ -407,7 +416,9 @@ class RigidBody:
 
 
 def _column(rig: Mapping[str, Any], cell: str) -> tuple[Any, Any, Any]:
-    """Return force to the left, force upward and roll moment of one newton (`places.column_of`), also for arrays."""
+    """Return force to the left, force upward and roll moment for one newton on ``cell``, as `places.column_of` does.
+    The dimensions may be arrays.
+    """
     d_x, d_y, d_z = (rig[name] for name in direction(cell))
     size = np.sqrt(d_x**2 + d_y**2 + d_z**2)
     _, y, z = (rig[name] for name in place(cell))

@@ -1,1 +1,1 @@
-"""The commands of the acceptance, which `astb` finds by their entry points."""
+"""Commands of the acceptance checks; `astb` finds them by their entry points."""

@@ -52,7 +52,7 @@ def check_command(target: str, as_json: bool, allow_motion: bool) -> None:
     try:
         rig, path = find_rig(target)
         report = _listen(rig, path, say)
-        if allow_motion and report.doubtful:  # a wrong reading is a wrong place to start from
+        if allow_motion and report.doubtful:  # a motion must not start from a wrong reading
             say("The rig is not moved. Correct the readings that are in doubt at rest first.")
         elif allow_motion:
             report = replace(report, moves=_move(rig, path, say))

@@ -1,4 +1,4 @@
-"""Tests of Modbus answers: latency, agreement of both wires, and exceptions for refused requests."""
+"""Tests of Modbus answers: latency, agreement of CAN and Modbus, and exceptions for refused requests."""
 
 import math
 import struct
@@ -28,7 +28,7 @@ NO_ADDRESS: Final = 60000
 
 
 def ask(access: RawAccess) -> list[Notebook]:
-    """Return the findings of requests on a connection without a lease."""
+    """Send requests on a Modbus connection without a lease, and return the findings."""
     line = access.modbus()
     return [_speed(line), _agreement(access, line), _exceptions(line)]
 

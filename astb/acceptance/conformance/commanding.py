@@ -34,7 +34,7 @@ WRONG: Final = 5
 
 
 class Stream:
-    """The cyclic commands of one holder, every 20 ms, until stopped."""
+    """Sends the commands of one lease holder every 20 ms, until it is stopped."""
 
     def __init__(self, access: RawAccess, token: int) -> None:
         self._access, self._encoder = access, Encoder(TABLE)
@@ -51,7 +51,7 @@ class Stream:
         self.values[TABLE.index[name]] = value
 
     def carry(self, *messages: str) -> None:
-        """Send these messages from the next cycle on, one after the other."""
+        """Send these messages in each cycle, from the next cycle on, in this order."""
         self._rows = self._encoder.rows(messages)
 
     def start(self) -> None:
@@ -65,7 +65,9 @@ class Stream:
             self._task = None
 
     def send(self, change: Callable[[Block], None] | None = None, port: "CanPort | None" = None) -> None:
-        """Send one block, changed by ``change`` if given, through ``port`` if given."""
+        """Send one block of commands. ``change`` edits the block first; ``port`` is used instead of the listener's
+        port.
+        """
         block = self._encoder.encode(self.values, self._rows, self._access.clock.now())
         if change:
             change(block)
@@ -73,7 +75,7 @@ class Stream:
 
 
 def command(access: RawAccess) -> list[Notebook]:
-    """Return the findings with and without the lease of the bench; the state of the bench does not change."""
+    """Test commands with and without the lease, and return the findings. The state of the bench does not change."""
     line = access.modbus()
     leases, settings, commands, left = (
         Notebook("lease"),
@@ -114,7 +116,9 @@ def command(access: RawAccess) -> list[Notebook]:
 
 
 def _ends(access: RawAccess, book: Notebook) -> None:
-    """Check the settings in force after the lease was returned, and after a connection with the lease was closed."""
+    """Check that settings have their rest values after the lease was returned, and after a connection with the lease
+    was closed.
+    """
     note_rest(access, book, "the lease is returned")
     line = access.modbus()
     if take(line) and leave(line, targets=False):

@@ -1,4 +1,4 @@
-"""Settings that a commander leaves in force, and whether the rig returns to rest when the command ends."""
+"""Check whether the rig resets the settings of a commander to their rest values when the command ends."""
 
 import math
 import struct
@@ -26,19 +26,22 @@ _IN_FORCE: Final = {r.signal: r.address for r in TABLE.registers if r.space == "
 
 
 def take(line: ModbusConnection) -> int:
-    """Take the lease on ``line``; return its token, 0 if another user holds the bench."""
+    """Take the lease on ``line``. Return its token, or 0 if another user has the lease."""
     if line.write(LEASE_ADDRESS, struct.pack(">H", 1)):
         return 0
     return line.words(LEASE_ADDRESS, 1, function=3)[0]
 
 
 def give_back(line: ModbusConnection) -> None:
-    """Return the lease; ``line`` may have lost it already."""
+    """Return the lease. Nothing changes if ``line`` has lost it already."""
     line.write(LEASE_ADDRESS, b"\0\0")
 
 
 def leave(line: ModbusConnection, *, targets: bool) -> bool:
-    """Apply settings that differ from rest and move nothing; return whether they are in force."""
+    """Apply settings that move nothing and differ from their rest values. Return whether they are in force.
+
+    With ``targets``, the target pressures are also set, if the modes of the air valves are at rest.
+    """
     values = dict(PROGRAM)
     if targets and all(_in_force(line)[mode] == REST[mode] for mode in _MODES):
         values |= TARGETS
@@ -48,7 +51,7 @@ def leave(line: ModbusConnection, *, targets: bool) -> bool:
 
 
 def note_rest(access: RawAccess, book: Notebook, end: str) -> None:
-    """Record whether all settings are at rest after ``end``, and reset those that are not."""
+    """Record whether all settings have their rest values after the event ``end``, and reset those that do not."""
     line = access.modbus()
     access.wait_for(lambda: not _left(line), REST_WITHIN)
     left = _left(line)
@@ -67,7 +70,7 @@ def _apply(line: ModbusConnection, values: Mapping[str, float]) -> None:
 
 
 def _left(line: ModbusConnection) -> dict[str, float]:
-    """Return the settings in force that differ from rest, SI."""
+    """Return the settings in force that differ from their rest values (SI), by name."""
     return {
         name: value
         for name, value in _in_force(line).items()

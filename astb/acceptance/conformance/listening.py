@@ -23,7 +23,7 @@ GAP_FLOOR: Final = 50 * ms
 
 
 def listen(access: RawAccess) -> list[Notebook]:
-    """Return the findings on a bus without a commander."""
+    """Record the frames on a bus without a commander, and return the findings."""
     access.wait(SETTLE)
     before = access.listener.frames().size
     steps = access.listener.steps

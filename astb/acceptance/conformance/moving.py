@@ -36,7 +36,7 @@ _WAY_UP: Final = (
 
 
 def move(access: RawAccess) -> list[Notebook]:
-    """Return the findings of arming the bench, a small move of its platform, and the end of all commands."""
+    """Arm the bench, move its platform by 2 mm, and stop all commands. Return the findings."""
     states, motion, silence = Notebook("states"), Notebook("motion"), Notebook("loss of commands")
     line = access.modbus()
     if not (token := take(line)):
@@ -61,7 +61,9 @@ def move(access: RawAccess) -> list[Notebook]:
 def way_up(
     access: RawAccess, line: ModbusConnection, stream: Stream, book: Notebook, to: str = "ACTIVE"
 ) -> bool:
-    """Lead the bench up to the state ``to``, with a fixed platform; record each step; return whether all succeeded."""
+    """Bring the bench from DISABLED to the state ``to``; its platform does not move. Record each step, and return
+    whether all succeeded.
+    """
     if not access.wait_for(lambda: access.listener.state == "DISABLED", READY_WITHIN):
         book.skip(
             "the way up", f"the bench is {access.listener.state}, not DISABLED; bring it to DISABLED first"
@@ -137,7 +139,9 @@ def _small_move(access: RawAccess, stream: Stream, book: Notebook) -> None:
 
 
 def _hold(access: RawAccess, stream: Stream, elsewhere: float, book: Notebook) -> None:
-    """Lead the bench to HOLD, send ``elsewhere`` as set-point of its platform, record its motion, return to ACTIVE."""
+    """Bring the bench to HOLD, send ``elsewhere`` (m) as set-point of its platform, and record how far it moves. Then
+    request ACTIVE.
+    """
     stream.set("control.active", 0.0)
     held = access.wait_for(lambda: access.listener.state == "HOLD", STEP_WITHIN)
     before, here = access.clock.now(), access.listener.latest("platform.vertical")
@@ -183,7 +187,7 @@ def _silence(access: RawAccess, stream: Stream, book: Notebook) -> None:
 
 
 def reset(access: RawAccess, stream: Stream) -> bool:
-    """Clear a fault; return whether the bench is DISABLED then."""
+    """Clear a fault. Return whether the bench is DISABLED afterwards."""
     access.wait(100 * ms)
     stream.set("control.reset", 1.0)
     cleared = access.wait_for(lambda: access.listener.state == "DISABLED", STEP_WITHIN)

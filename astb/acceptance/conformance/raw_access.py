@@ -1,4 +1,6 @@
-"""Both wires of a rig without our drivers: frames to receive and to send, and requests as bytes."""
+"""Direct access to CAN and Modbus of a rig, without our drivers: frames to receive and to send, and requests as
+bytes.
+"""
 
 import socket
 import struct
@@ -38,14 +40,16 @@ class Answer(NamedTuple):
 
 
 class Cable(NamedTuple):
-    """A Modbus connection as bytes: it sends a request, and closes."""
+    """A Modbus connection as two functions: one sends a request and returns the answer, the other closes the
+    connection.
+    """
 
     exchange: Callable[[bytes], bytes]
     close: Callable[[], object]
 
 
 class ModbusConnection:
-    """One Modbus connection; requests are bytes, and are sent unchecked."""
+    """One Modbus connection. Its requests are bytes, and are sent without a check."""
 
     def __init__(self, clock: Clock, cable: Cable, unit: int) -> None:
         self._clock, self._exchange, self._unit = clock, cable.exchange, unit
@@ -53,7 +57,9 @@ class ModbusConnection:
         self._number = 0
 
     def ask(self, function: int, body: bytes, *, unit: int | None = None) -> Answer:
-        """Return the answer to a request. Raises LinkLost if there is none, or if it belongs to another request."""
+        """Send a request, and return the answer. Raises LinkLost if no answer arrives, or if it belongs to another
+        request.
+        """
         self._number = (self._number + 1) % 0x1_0000
         unit = self._unit if unit is None else unit
         request = _HEADER.pack(self._number, 0, len(body) + 2, unit, function) + body
@@ -75,12 +81,14 @@ class ModbusConnection:
         return Answer(0, reply[8:], took)
 
     def read(self, function: int, address: int, count: int) -> Answer:
-        """Read ``count`` registers or bits (functions 1 to 4). ``data`` of the answer has no byte count."""
+        """Read ``count`` registers or bits (functions 1 to 4). The byte count is removed from ``data`` of the
+        answer.
+        """
         answer = self.ask(function, struct.pack(">HH", address, count))
         return answer._replace(data=answer.data[1:])
 
     def words(self, address: int, count: int, *, function: int = 4) -> list[int]:
-        """Return input registers. Raises LinkLost if the rig refuses."""
+        """Return ``count`` registers, by default input registers. Raises LinkLost if the rig refuses."""
         answer = self.read(function, address, count)
         if answer.code or len(answer.data) != 2 * count:
             raise LinkLost(
@@ -89,16 +97,16 @@ class ModbusConnection:
         return list(struct.unpack(f">{count}H", answer.data))
 
     def number(self, address: int) -> float:
-        """Return the float in two input registers."""
+        """Return the float in the two input registers from ``address`` on."""
         return float(struct.unpack(">f", struct.pack(">HH", *self.words(address, 2)))[0])
 
     def write(self, address: int, words: bytes) -> int:
-        """Write holding registers; return the code of the exception."""
+        """Write holding registers. Return the code of the Modbus exception, 0 for none."""
         head = struct.pack(">HHB", address, len(words) // 2, len(words))
         return self.ask(16, head + words).code
 
     def press(self, coil: int) -> int:
-        """Set a coil; return the code of the exception."""
+        """Set a coil. Return the code of the Modbus exception, 0 for none."""
         return self.ask(5, struct.pack(">HH", coil, 0xFF00)).code
 
 
@@ -153,7 +161,7 @@ class Listener:
 
 
 class RawAccess:
-    """Both wires of a rig without our drivers: a listener on CAN, and connections on Modbus."""
+    """Direct access to a rig without our drivers: a listener on CAN, and connections on Modbus."""
 
     def __init__(
         self,
@@ -187,8 +195,8 @@ class RawAccess:
 
 @contextmanager
 def open_access(rig: "RigFile", path: Path, *, say: Callable[[str], None]) -> Iterator[RawAccess]:
-    """Yield access to ``rig``; a simulated one in real time that does not answer is started. Raises LinkLost if none
-    does.
+    """Yield access to ``rig``. A simulated rig in real time is started if it does not answer. Raises LinkLost if no rig
+    answers.
     """
     with ExitStack() as stack:
         if rig.time == "virtual":

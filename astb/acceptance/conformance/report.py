@@ -75,7 +75,9 @@ def read_report(path: Path) -> Report:
 
 
 def differences(here: Report, there: Report) -> list[Difference]:
-    """Return the differences between two rigs, in the order of the suite. Only tests of both rigs count."""
+    """Return the differences between two rigs, in the order of the suite. Only tests that ran on both rigs are
+    compared.
+    """
     others = {(one.group, one.what): one for one in there.findings if one.outcome is not Outcome.SKIPPED}
     found = []
     for one in here.findings:
@@ -129,7 +131,9 @@ class Notebook:
         self.findings.append(Observation(group=self.group, what=what, outcome=Outcome.SKIPPED, found=why))
 
     def refusal(self, what: str, code: int, right: int) -> None:
-        """Record the Modbus exception of a refused request, 0 for none."""
+        """Record the Modbus exception of a request that the rig must refuse, and the expected one; 0 is no
+        exception.
+        """
         self.note(what, code == right, _refused(code), _refused(right))
 
 

@@ -1,4 +1,4 @@
-"""Tests of a rig with other messages: they use its signals, through its wiring."""
+"""Tests of a rig with other messages than ours. They use the signals that its wiring file defines."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -79,7 +79,7 @@ def listen(bench: "Bench") -> list[Notebook]:
 
 
 def ask(bench: "Bench") -> list[Notebook]:
-    """Return the findings on requests: settings in force, contacts, and signals that the rig does not send."""
+    """Request settings in force, contacts, and signals that the rig does not send by itself. Return the findings."""
     book = Notebook("answers")
     wanted = [
         *_present(bench, Kind.SETTING, Kind.INTERLOCK),
@@ -113,7 +113,7 @@ def ask(bench: "Bench") -> list[Notebook]:
 
 
 def lead(bench: "Bench") -> list[Notebook]:
-    """Return the findings of arming the bench, a small move of its platform, and the end of all commands."""
+    """Arm the bench, move its platform by 2 mm, and stop all commands. Return the findings."""
     states, motion, silence = Notebook("states"), Notebook("motion"), Notebook("loss of commands")
     in_force = bench.settings.in_force()
     took = _arm(bench, states)
@@ -132,7 +132,7 @@ def lead(bench: "Bench") -> list[Notebook]:
 
 
 def _arm(bench: "Bench", book: Notebook) -> float:
-    """Arm the bench, with the measured values as set-points if it takes any; return the time that it took (s)."""
+    """Arm the bench, and record the largest motion meanwhile. Return the time that it took (s)."""
     with _watched(bench, book, "armed, before its first set-point"):
         before = bench.clock.now()
         bench.arm(within=_ARM_WITHIN)
@@ -140,7 +140,9 @@ def _arm(bench: "Bench", book: Notebook) -> float:
 
 
 def _hold(bench: "Bench", book: Notebook) -> None:
-    """Lead the bench from rest to HOLD, request another position of its platform, and bring it to rest again."""
+    """Arm the bench up to HOLD, send another set-point for its platform, record the largest motion, and bring the bench
+    to rest.
+    """
     what, moved = "HOLD, whatever set-point comes", "platform.vertical"
     if not any("HOLD" in step.end for step in bench.wiring.sequences.up):
         book.skip(what, "the rig has no HOLD on its way up")
@@ -157,7 +159,7 @@ def _hold(bench: "Bench", book: Notebook) -> None:
 
 @contextmanager
 def _watched(bench: "Bench", book: Notebook, what: str) -> Iterator[None]:
-    """Record the largest motion during the block, named ``what``, and shortly after it."""
+    """Record the largest motion during the block and shortly after it, under the name ``what``."""
     told = [one.name for one in _present(bench, *MEASURED) if _sent_periodically(bench, one)]
     with bench.capture(*(name for name in (*PLACES, *PRESSURES) if name in told)) as capture:
         bench.wait(2 * OVER)

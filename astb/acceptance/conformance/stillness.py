@@ -28,7 +28,9 @@ Courses = Mapping[str, tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]]
 
 
 def furthest(courses: Courses, names: tuple[str, ...]) -> tuple[str, float]:
-    """Return which of ``names`` moves most (SI) from the mean of its first `OVER` seconds; NaN without data."""
+    """Return which of ``names`` moves most from the mean of its first `OVER` seconds, and how far (SI). Without data,
+    the name is empty and the distance NaN.
+    """
     name, far = "", float("nan")
     for one in names:
         if one not in courses:
@@ -47,13 +49,13 @@ def furthest(courses: Courses, names: tuple[str, ...]) -> tuple[str, float]:
 
 
 def is_still(courses: Courses) -> bool:
-    """Return whether nothing moves by more than half of the limit for arming."""
+    """Return whether no position and no pressure changes by more than half of its limit for arming."""
     way, change = furthest(courses, PLACES)[1], furthest(courses, PRESSURES)[1]
     return not (way > STILL / 2 or change > TIGHT / 2)
 
 
 def note_still(book: Notebook, what: str, courses: Courses) -> None:
-    """Record the largest motions in ``courses`` during the action ``what``."""
+    """Record the largest motion and the largest change of a pressure in ``courses``, under the name ``what``."""
     for kind, names, limit, unit, text in (
         ("heights and displacements", PLACES, STILL, mm, "mm"),
         ("pressures", PRESSURES, TIGHT, bar, "bar"),

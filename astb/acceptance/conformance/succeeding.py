@@ -1,4 +1,6 @@
-"""Tests of a second commander: arming moves nothing, and settings are at rest after a connection was closed."""
+"""Tests of a change of commander: arming must move nothing, and a closed connection must leave settings at their rest
+values.
+"""
 
 from typing import Final
 
@@ -23,7 +25,7 @@ _GROUP: Final = "the next commander"
 
 
 def succeed(access: RawAccess) -> list[Notebook]:
-    """Return the findings of arming the bench without set-points, and of closing the connection."""
+    """Arm the bench without set-points, close the connection, and return the findings."""
     book = Notebook(_GROUP)
     line = access.modbus()
     if not (token := take(line)):
@@ -47,7 +49,9 @@ def succeed(access: RawAccess) -> list[Notebook]:
 
 
 def _settled(access: RawAccess) -> bool:
-    """Wait until nothing moves by itself: the springs are vented, and the bolster is on its stops."""
+    """Wait while something still moves by itself, for example because the springs are vented. Return whether all is
+    still within `SETTLED_WITHIN`.
+    """
     deadline = access.clock.now() + round(SETTLED_WITHIN * NS)
     while access.clock.now() < deadline:
         start = access.clock.now()
@@ -58,7 +62,9 @@ def _settled(access: RawAccess) -> bool:
 
 
 def _arm(access: RawAccess, line: ModbusConnection, stream: Stream, book: Notebook) -> bool:
-    """Lead the bench up by control bits alone, and observe it in HOLD and ACTIVE; return whether it reached ACTIVE."""
+    """Bring the bench up with control bits only, and record its motion in HOLD and ACTIVE. Return whether it reached
+    ACTIVE.
+    """
     start, steps = access.clock.now(), Notebook(_GROUP)
     access.wait(2 * OVER)
     armed = way_up(access, line, stream, steps, "HOLD")
@@ -74,7 +80,7 @@ def _arm(access: RawAccess, line: ModbusConnection, stream: Stream, book: Notebo
 
 
 def _clear(access: RawAccess, book: Notebook) -> None:
-    """Leave the bench DISABLED and without a holder."""
+    """Reset the bench to DISABLED, record whether this succeeds, and return the lease."""
     line = access.modbus()
     if token := take(line):
         stream = Stream(access, token)

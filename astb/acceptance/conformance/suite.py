@@ -29,7 +29,8 @@ Subject = TypeVar("Subject")
 def examine_rig(rig: "RigFile", path: Path, *, motion: bool, say: Callable[[str], None]) -> list[Observation]:
     """Return all findings about ``rig``, whose file is ``path``; nothing moves without ``motion``.
 
-    A rig with our messages is tested on its wires, another by its signals. Raises BenchError if there is no rig.
+    A rig with our messages is tested with CAN frames and Modbus requests. A rig with a wiring file is tested by its
+    signals. Raises BenchError if no rig answers.
     """
     if rig.wiring:
         with open_bench(path) as bench:

@@ -22,7 +22,9 @@ class LeftOut(Exception):
 
 
 def kind_of(where: str, text: str) -> tuple[str, tuple[str, str] | None]:
-    """Return type and byte order of texts such as FLOAT32 CDAB, INT32 (word swapped), or 32 bit float."""
+    """Return the data type, and the order of words and bytes, for a text such as FLOAT32 CDAB, INT32 (word swapped), or
+    32 bit float. The order is None if the text does not state it.
+    """
     if not text:
         return "", None
     words = re.sub(r"[-_()\[\],;]+", " ", text.lower())
@@ -50,7 +52,9 @@ def comma_in(scales: Sequence[str]) -> bool:
 
 
 def scale_of(where: str, text: str, commas: bool, key: str = "scale") -> float:
-    """Return the number in a cell. Raises WiringError for a text without a number, or with an ambiguous one."""
+    """Return the number in a cell, 1 for an empty cell. Raises WiringError if the text is not a number, or is
+    ambiguous.
+    """
     if not text:
         return 1.0
     wrong = WiringError(f"{where}: {key} = {text!r} must be a number, such as 0.01 or 1/100")
@@ -74,9 +78,10 @@ def scale_of(where: str, text: str, commas: bool, key: str = "scale") -> float:
 
 
 def factor_of(text: str, column: str, exponents: bool) -> float:
-    """Return the factor in a column such as "Scale factor" or "SF". LeftOut if it is ambiguous.
+    """Return the factor in a column such as "Scale factor" or "SF". Raises LeftOut if it is ambiguous.
 
-    ``exponents``: its numbers are powers of ten. A factor above 1 may multiply or divide.
+    With ``exponents``, the cell is a power of ten. Otherwise a factor above 1 is ambiguous, because it may multiply or
+    divide.
     """
     plain = text.replace(",", ".").removeprefix("10^").strip()
     if exponents or text.startswith("10^"):
@@ -107,7 +112,7 @@ def are_exponents(cells: Sequence[str]) -> bool:
 
 
 def unread_scaling(names: Sequence[str], used: Sequence[int], cells: Sequence[str]) -> str:
-    """Return the name and the cell of an unread column that may change the number of a row; "" for none."""
+    """Return a text on the first unread column whose cell may change the number of a row; "" if there is none."""
     for index, name in enumerate(names):
         cell = cells[index].strip() if index < len(cells) else ""
         if index in used or not SCALING.search(name.lower()) or _NOTHING.fullmatch(cell):
@@ -118,10 +123,10 @@ def unread_scaling(names: Sequence[str], used: Sequence[int], cells: Sequence[st
 
 
 def size_units(head: str, sizes: Sequence[tuple[str, int]]) -> set[int]:
-    """Return the possible units of a size column, as units per register. ``sizes`` are cells with known register
-    counts.
+    """Return the possible units of a size column, each as its number per register: 1 (registers), 2 (bytes), 16 (bits).
 
-    A type that states its size must agree with the cell; a count of 0 is unknown.
+    ``sizes`` are pairs of a cell and the number of registers that the type states, 0 if unknown. A unit is possible if
+    all cells agree with it.
     """
     units = {"word": 1, "regist": 1, "byte": 2, "bit": 16}
     found = {unit for word, unit in units.items() if word in head.lower()} or set(_SIZES)
@@ -136,7 +141,9 @@ def size_units(head: str, sizes: Sequence[tuple[str, int]]) -> set[int]:
 
 
 def sized_type(kind: str, explicit: bool, size: str, units: set[int]) -> str:
-    """Return the type of a number for a cell with its size. LeftOut if they contradict each other or are ambiguous."""
+    """Return the data type with its size from the cell ``size``. Raises LeftOut if type and size contradict each other,
+    or if the size is ambiguous.
+    """
     if not size or kind == "bit":
         return kind
     if not size.isdigit() or not int(size):
@@ -157,7 +164,9 @@ def sized_type(kind: str, explicit: bool, size: str, units: set[int]) -> str:
 
 
 def null_of(text: str, kind: str) -> str:
-    """Return the raw value for a missing value, in the notation of the wiring; "" for a type without numbers."""
+    """Return the raw value that marks a missing value, as text for the wiring; "" if the cell states none. Raises
+    LeftOut if the cell is not a number.
+    """
     if not text or text.lower() in ("nan", "-"):
         return ""
     plain = re.sub(r"^16#|(?<=[0-9a-f])h$", "", text.strip().lower())
@@ -175,7 +184,9 @@ def null_of(text: str, kind: str) -> str:
 
 
 def shared_registers(places: Mapping[str, tuple[str, int, int, str]]) -> list[str]:
-    """Return a text that names points on the same register; ``places``: table, address, registers and bit by name."""
+    """Return a text on each pair of points on the same register. ``places``: table, address, number of registers and
+    bit, by name.
+    """
     found = []
     ordered = sorted(places.items(), key=lambda one: one[1][:2])
     for index, (name, (table, address, size, bit)) in enumerate(ordered):

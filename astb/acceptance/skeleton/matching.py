@@ -1,4 +1,4 @@
-"""Finds the point of a rig that a signal of the bench may be, by the words of its name and by its unit."""
+"""Matches signals of the bench with points of a rig, by the words of their names and by their units."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from astb.acceptance.skeleton.points import DescribedPoint
 from bench_protocol.signals import Kind, Signal
 from bench_protocol.units import UNITS
 
-#: Synonyms.
+#: Synonyms of the words in the names of our signals.
 _SYNONYMS: Final = {
     "left": ("links", "l", "li"),
     "right": ("rechts", "r", "re"),
@@ -63,7 +63,7 @@ _IMPLIED: Final = frozenset({"vertical", "mode", "pressure", "temperature"})
 CLEAR: Final = 0.8
 MARGIN: Final = 0.15
 POSSIBLE: Final = 0.3
-#: Factors on the score: of a writable point as a reading, and of a point that identifies a setting as one to write.
+#: Factors on the score of a writable point: as a reading, and as the point that reports a setting.
 PERHAPS_READ: Final = 0.9
 TOLD_BACK: Final = 0.75
 
@@ -78,7 +78,9 @@ class Match(NamedTuple):
 def match(
     signals: Iterable[Signal], points: Sequence[DescribedPoint], *, read_back: bool = False
 ) -> dict[str, Match]:
-    """Return the match of each signal; ``read_back`` matches points that report settings, not written ones."""
+    """Return the matching points of each signal, by its name. With ``read_back``, a setting is matched with points that
+    report it, not with points that are written.
+    """
     table = {
         signal.name: [(score(signal, point, read_back=read_back), point) for point in points]
         for signal in signals
@@ -106,7 +108,7 @@ def match(
 
 
 def score(signal: Signal, point: DescribedPoint, *, read_back: bool = False) -> float:
-    """Return the likelihood that ``point`` is ``signal``: 0 if impossible, 1 if every word agrees."""
+    """Return how well ``point`` fits ``signal``, from 0 (impossible) to 1 (every word agrees)."""
     goes = signal.kind in (Kind.SETPOINT, Kind.SETTING, Kind.ACTION) and not read_back
     if not (point.written if goes else point.read):
         return 0.0
@@ -150,7 +152,9 @@ def _words(text: str) -> frozenset[str]:
 
 
 def _unit_fits(signal: Signal, unit: str) -> float:
-    """Return 0 for a unit of another quantity, less than 1 for a point without a unit."""
+    """Return 1 for a unit of the same quantity, 0 for a unit of another quantity, and 0.8 for an unknown unit or
+    none.
+    """
     if signal.unit == "1":
         return float(unit in ("", "1"))
     if not unit or unit not in UNITS:

@@ -38,10 +38,9 @@ _NOBODY: Final = re.compile(r"(vector_*)?xxx", re.IGNORECASE)
 
 
 def dbc_points(path: Path, transport: str = "bus", charset: str | None = None) -> list[DescribedPoint]:
-    """Return the signals of a DBC; the sender of most of them is the rig. Raises WiringError for a file in another
-    format.
+    """Return the signals of a DBC as points. The node that sends most of them is taken as the rig.
 
-    Signals without a sender may be sent by the rig or by a client.
+    Signals without a sender may be sent by the rig or by a client. Raises WiringError for a file in another format.
     """
     try:
         messages = read_dbc(path, charset).messages

@@ -92,8 +92,10 @@ class _Conventions:
 
 
 def read_register_list(path: Path, transport: str = "plc", counting: Counting | None = None) -> RegisterList:
-    """Return the points of a list of registers, and how it counts addresses; ``counting`` overrides the detection.
-    Raises WiringError, with row and column, for wrong cells and for ambiguous addresses.
+    """Return the points of a list of registers, with notes on how it was read.
+
+    ``counting`` states how the list counts addresses; without it, this is detected. Raises WiringError, with row and
+    column, for wrong cells and for ambiguous addresses.
     """
     account = Account()
     try:
@@ -216,7 +218,9 @@ def _refuse_open(path: Path, lines: Sequence[str], delimiter: str, names: Sequen
 
 
 def _with_bit(where: str, row: _Row) -> _Row:
-    """Split an address with a bit, such as 40001.3, into both. Raises WiringError for an impossible bit."""
+    """Return ``row`` with an address such as 40001.3 split into address and bit. Raises WiringError for an impossible
+    bit.
+    """
     address, point, behind = row.address.partition(".")
     if point and re.fullmatch(r"\d{1,2}", behind) and row.bit:
         raise WiringError(
@@ -315,7 +319,9 @@ def _access(
 
 
 def _counting(path: Path, rows: Sequence[_Row], tables: Mapping[int, str]) -> Counting:
-    """Whether addresses are Modicon numbers: all of them fit their tables, or none does."""
+    """Return how the list counts addresses: "modicon" if all of them fit the numbers of their tables, "wire" if none
+    does. Raises WiringError if only some do, or for ambiguous coils.
+    """
     fits = {row.line: _is_modicon(row.address, tables[row.line]) for row in rows}
     if not any(fits.values()):
         return "wire"
@@ -373,7 +379,7 @@ def _registers(row: _Row) -> int:
 
 
 def _scale(where: str, row: _Row, conventions: _Conventions) -> float:
-    """Return the product of all scale factors of a point. LeftOut if one is ambiguous."""
+    """Return the product of all scale factors of a point. Raises LeftOut if one of them is ambiguous."""
     if row.open:
         raise LeftOut(row.open)
     commas, heads = conventions.commas, conventions.heads
@@ -390,7 +396,7 @@ def _scale(where: str, row: _Row, conventions: _Conventions) -> float:
 def _point(
     where: str, row: _Row, table: str, access: tuple[bool, bool] | None, conventions: _Conventions
 ) -> tuple[DescribedPoint, tuple[str, int, int, str]]:
-    """Return a point and its place: table, address, registers and bit."""
+    """Return the point of a row, and its place: table, address, number of registers, and bit ("" for none)."""
     address = _address(where, row, table, conventions.counting)
     scale = _scale(where, row, conventions)
     unit = unit_of(row.unit)

@@ -126,7 +126,7 @@ def skeleton(
 
 
 def _nulls(points: Sequence[DescribedPoint]) -> str:
-    """Return the raw values that mean "no measurement" in the DBC, by point."""
+    """Return the lines of the wiring for raw values that mean "no measurement" in the DBC; "" if there are none."""
     lines = [
         f'"{one.name.partition(".")[2]}" = {{ null = {sorted(one.nulls)} }}  # {", ".join(one.nulls.values())}\n'
         for one in points
@@ -137,7 +137,9 @@ def _nulls(points: Sequence[DescribedPoint]) -> str:
 
 
 def _line(row: DescribedPoint, written: Mapping[str, Match]) -> str:
-    """Return the line of a point; a point with a reading is polled, even if it is also written."""
+    """Return the line of a point in the wiring. A point that is the source of a reading is polled, even if it is also
+    written.
+    """
     if _POLLED in row.line or all(
         written[name].clear != row for group in _READINGS for name in GROUPS[group]
     ):
@@ -146,7 +148,7 @@ def _line(row: DescribedPoint, written: Mapping[str, Match]) -> str:
 
 
 def matches(points: Sequence[DescribedPoint]) -> tuple[dict[str, Match], dict[str, Match]]:
-    """Return the match of each wanted signal, and of each setting the match for reading it back."""
+    """Return the match of each wanted signal, and for each setting the match of a point that reports it."""
     signals = [TABLE[name] for name in WANTED]
     settings = [one for one in signals if one.kind is Kind.SETTING]
     return match(signals, points), match(settings, points, read_back=True)
@@ -159,7 +161,9 @@ def _needed_by() -> dict[str, str]:
 
 
 def _entry(signal: Signal, one: Match, back: Match | None, needed: str) -> str:
-    """Return the lines of one signal."""
+    """Return the entry of a signal in the wiring: a description, the possible points if none is certain, and the
+    line.
+    """
     head = f"# {signal.description} ({signal.range_text()})" + (f"; {needed}" if needed else "") + "\n"
     if one.clear is not None and (keys := _keys(signal, one.clear, back.clear if back else None)):
         return f'{head}"{signal.name}" = {{ {keys} }}\n'
@@ -171,7 +175,7 @@ def _entry(signal: Signal, one: Match, back: Match | None, needed: str) -> str:
 
 
 def _keys(signal: Signal, point: DescribedPoint, back: DescribedPoint | None) -> str:
-    """Return the keys of a line; "" if a choice has unknown numbers."""
+    """Return the keys in the line of a signal; "" if its unit or the numbers of its choices are unknown."""
     goes = signal.kind in (Kind.SETPOINT, Kind.SETTING)
     parts = [f'{"to" if goes else "from"} = "{point.name}"']
     if signal.kind is Kind.SETTING and back is not None:
@@ -198,7 +202,9 @@ def _unit(point: DescribedPoint) -> str:
 
 
 def _numbers(point: DescribedPoint) -> str:
-    """Return the meaning of each number of a candidate, or the text of the list."""
+    """Return the meaning of each number of a possible point, or its description in the list of registers; "" for
+    neither.
+    """
     meaning = ", ".join(f"{number} {text}" for text, number in point.choices.items())
     meaning = meaning or (" ".join(point.context.split()) if point.line else "")
     return f" ({meaning[:_TOLD_MAX]})" if meaning else ""

@@ -39,7 +39,7 @@ _rest_forces, _settle, _seated = (
 
 @compiled_once
 def bench_slope(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
-    """The bench's right-hand side, compiled once for all callers."""
+    """The right-hand side of the bench's equations, compiled once for all callers."""
     evaluate(ahead, x, mem, u, par, given, dx, out)
 
 
@@ -97,7 +97,8 @@ def advance(
 def start(
     x: Any, memory: Any, given: Any, parameters: Any, motion: Any, air: float, work: Any, out: Any
 ) -> None:
-    """Begin at rest: with ``air`` at design height under the preload, without it on the emergency springs.
+    """Set the initial state at rest: with ``air`` at design height under the preload, otherwise on the emergency
+    springs.
 
     With air the actuators add the difference of preload and weight of the bolster; without air they are off. ``x``,
     ``memory`` and ``work`` must be zero.

@@ -1,4 +1,4 @@
-"""The compiled functions of the FMU of half a car on external springs, with the same law as in the vehicle model."""
+"""The compiled functions of the FMU of half a car on external springs. They use the equations of the vehicle model."""
 
 from dataclasses import asdict
 from enum import IntEnum
@@ -20,13 +20,13 @@ CAR: Final = np.dtype(
         ("spring_half_spacing", "<f8"),  # m
     ]
 )
-#: It has no other memory.
+#: The car has no other memory.
 NOTHING: Final = np.dtype([("nothing", "<f8")])
 ROWS: Final = 1
 
 
 class Force(IntEnum):
-    """The reported forces: pairs hold left and right."""
+    """Indices of the input forces. Each force of the springs has two entries, left and right."""
 
     VERTICAL = 0  #: of the spring on the car, N up
     LATERAL = 2
@@ -35,12 +35,14 @@ class Force(IntEnum):
 
 
 class CarOutput(IntEnum):
-    """The outputs; displacements are followed by their speeds and accelerations."""
+    """Indices of the outputs. The displacements of the springs come first, then their speeds and their
+    accelerations.
+    """
 
     HEIGHT = 0  #: of the springs, left and right, and their shear
     HEIGHT_SPEED = 3
     HEIGHT_ACCELERATION = 6
-    SHEAR = 9  #: again, and as the car has both springs together
+    SHEAR = 9  #: the shear again; the next two are of both springs together
     MEAN_HEIGHT = 10
     ROLL = 11
     ACCELERATION = 12  #: of the floor, lateral
@@ -85,7 +87,7 @@ def _write_outputs(car: Any, motion: Any, out: Any) -> None:
     out[CarOutput.HEIGHT + 1] = height - b * roll
     out[CarOutput.HEIGHT + 2] = shear
     for rate in range(2):
-        # Of the car, less that of the track.
+        # The motion of the car minus that of the track.
         if rate == 0:
             y, z, phi = car.speed[0], car.speed[1], car.speed[2]
             y_t, z_t, phi_t = car.track_rate[0], car.track_rate[1], car.track_rate[2]
@@ -118,8 +120,8 @@ def advance(
 ) -> None:
     """Advance by ``steps`` fixed steps of ``dt`` s, and write the outputs at their end into ``out`` (`CarOutput`).
 
-    The track's ``motion`` was given ``since`` s before the first step; forces are held. The state is in the record:
-    ``x``, ``memory`` and ``work`` are not used.
+    The ``motion`` of the track was set ``since`` s before the first step; the forces are constant. The state is in
+    ``parameters``; ``x``, ``memory`` and ``work`` are not used.
     """
     car = parameters[0]
     _load(car, u)
@@ -131,7 +133,7 @@ def advance(
 
 
 def start(x: Any, memory: Any, u: Any, parameters: Any, motion: Any, air: float, work: Any, out: Any) -> None:
-    """Begin at rest on the track, with springs in equilibrium with its weight."""
+    """Set the initial state at rest on the track, with spring forces that balance the weight of the car."""
     car = parameters[0]
     _follow_track(car, motion, 0.0)
     _load(car, u)

@@ -22,22 +22,24 @@ WAYS: Final = 3
 
 @compiled
 def gone_on(motion: Any, place: int, rate: int, since: float) -> float:
-    """Return one displacement of a ``motion`` given ``since`` s ago; with ``rate`` 1 its speed."""
+    """Return a displacement, extrapolated to ``since`` s after ``motion`` was set; with ``rate`` 1 its speed."""
     speed, acceleration = motion[place + WAYS], motion[place + 2 * WAYS]
     if rate == 1:
         return speed + since * acceleration
     return motion[place] + since * (speed + 0.5 * since * acceleration)
 
 
-#: Working rows: four slopes and a state, pressures, temperatures, and rows of nothing for what the rubber remembers.
+#: Working rows: four slopes and a state, pressures, temperatures, and rows of zeros for the memory of the rubber.
 ROWS: Final = 7 + EXTRA_BRANCHES
 
-#: Rounds in which gas and emergency spring agree after a jump: each leaves less than a tenth.
+#: Rounds in which gas and emergency spring agree after a jump: each leaves less than a tenth of the error.
 _JUMP_ROUNDS: Final = 3
 
 
 class Gauge(IntEnum):
-    """The outputs after the algebraic quantities: pressures over the atmosphere, Pa; pairs hold left and right."""
+    """Indices of the outputs after the algebraic quantities: gauge pressures (Pa), those of the chambers for left and
+    right.
+    """
 
     PRESSURE = ALGEBRAICS
     AUXILIARY_PRESSURE = ALGEBRAICS + 2
@@ -49,7 +51,7 @@ OUTPUTS: Final = ALGEBRAICS + 5
 
 @compiled
 def stretch_springs(since: float, motion: Any, x: Any, par: Any) -> None:
-    """Move the plates so that the springs have the lengths of ``motion``, ``since`` s after it was given.
+    """Set the positions of the plates from ``motion``, extrapolated to ``since`` s after it was set.
 
     ``motion`` holds ζ left, ζ right, y, their speeds and their accelerations. The platform does not move, because the
     laws depend on differences only.
@@ -65,7 +67,7 @@ def stretch_springs(since: float, motion: Any, x: Any, par: Any) -> None:
 
 @compiled_once
 def driven_springs(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
-    """The right-hand side (`bench_sim.model.runge_kutta`); ``given`` is the age of the motion, and the motion."""
+    """The right-hand side for `bench_sim.model.runge_kutta`. ``given`` is the age of the motion (s), and the motion."""
     since, motion = given
     stretch_springs(since + ahead, motion, x, par)
     air_spring(mem.time + ahead, x, mem, u, par, dx, out)
@@ -90,7 +92,7 @@ def supply_open(u: Any, par: Any) -> float:
 
 @compiled
 def _jump(x: Any, mem: Any, u: Any, par: Any, given: Any, work: Any, out: Any) -> None:
-    """Apply the work of a jump to the gas: from the end of the last motion (``out``) to the start of the new one.
+    """Add the work of a jump to the energy of the gas: a jump from the end of the last motion (``out``) to the new one.
 
     A jump takes no time, so there is no flow or heat: U V^(γ−1) is constant. Otherwise the gas would expand without
     work, and motion by jumps alone would have 1/γ of the stiffness.
@@ -120,7 +122,7 @@ def advance(
 ) -> None:
     """Advance by ``steps`` fixed steps of ``dt`` s, and write the outputs at their end into ``out`` (OUTPUTS).
 
-    ``motion`` was given ``since`` s before the first of them. ``work`` (ROWS, STATES) is the caller's working memory.
+    ``motion`` was set ``since`` s before the first step. ``work`` (ROWS, STATES) is the caller's working memory.
     """
     mem, par = memory[0], parameters[0]
     _jump(x, mem, u, par, (since, motion), work, out)
@@ -135,7 +137,8 @@ def advance(
 
 
 def start(x: Any, memory: Any, u: Any, parameters: Any, motion: Any, air: float, work: Any, out: Any) -> None:
-    """Begin at rest at the displacements of ``motion``, with the pressure that carries the preload at design height.
+    """Set the initial state at rest at the displacements of ``motion``, with the pressure for the preload at design
+    height.
 
     ``air`` is the share of that pressure; with 0 the chambers have atmospheric pressure. ``x``, ``memory`` and ``work``
     must be zero.

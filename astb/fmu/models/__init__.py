@@ -1,4 +1,4 @@
-"""The available FMUs, made from parameter sets by their names."""
+"""FMUs of the springs, the bench and the car, made from parameter sets."""
 
 from pathlib import Path
 
@@ -13,8 +13,8 @@ from bench_sim.parameters.vehicle import load_vehicle
 def unit_of(
     kind: str, model: str | Path = "astb", load_case: str | None = None, vehicle: str | Path = "vehicle"
 ) -> Unit:
-    """Return the ``spring``, the ``bench`` or the ``car`` of these sets. Raises `ParameterError` if one does not
-    fit.
+    """Return the FMU of a ``kind`` (``spring``, ``bench`` or ``car``) with these parameter sets. Raises
+    `ParameterError` for an invalid set.
     """
     parameters = load(model, load_case)
     if kind == "car":

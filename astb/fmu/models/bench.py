@@ -17,7 +17,7 @@ from bench_sim.model.layout import STATES, Input, Mode
 from bench_sim.model.quantities import MEMORY, PARAMETERS, PLANT_QUANTITIES
 from bench_sim.parameters import Parameters
 
-#: Parameters of the measuring chain, which is not in it.
+#: Parameters of the measuring chain, which is not part of the FMU.
 _ELSEWHERE: Final = ("pressure_", "force_latency", "displacement_latency", "load_cell_crosstalk")
 _PLATFORM: Final = (Input.PLATFORM_VERTICAL, Input.PLATFORM_LATERAL, Input.PLATFORM_ROLL)
 assert PLATFORM_AXES == ("vertical", "lateral", "roll") and list(_PLATFORM) == sorted(_PLATFORM)
@@ -39,7 +39,7 @@ CODE: Final = Code(
 
 
 def bench(parameters: Parameters) -> Unit:
-    """Return the bench with these parameters."""
+    """Return the FMU of the bench with these parameters."""
     return Unit(
         CODE,
         f"{parameters.name} {parameters.load_case}",

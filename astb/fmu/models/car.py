@@ -43,7 +43,7 @@ CODE: Final = Code(
     remembered=NOTHING.itemsize,
     checks="car.c",
 )
-#: The parameters of springs that it uses.
+#: The parameters of the springs that the car uses.
 _OF_BENCH: Final = ("gravity", "spring_half_spacing")
 _OWN: Final = tuple(one for one in CAR_QUANTITIES if one.name in (CAR.names or ()))
 _SHARED: Final = tuple(one for one in PLANT_QUANTITIES if one.name in _OF_BENCH)
@@ -62,7 +62,9 @@ _PLACE: Final = (
 
 
 def car(parameters: Parameters, vehicle: VehicleParameters) -> Unit:
-    """Return half the ``vehicle``, with the weight that springs with these ``parameters`` carry."""
+    """Return the FMU of half the ``vehicle``. Its mass is the load of springs with these ``parameters`` under nominal
+    preload.
+    """
     record = np.zeros(1, CAR)
     for one in _OWN:
         record[one.name][0] = vehicle.record[one.name]

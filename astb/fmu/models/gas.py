@@ -1,4 +1,4 @@
-"""Common parts of FMUs with air springs: their parameters as numbers, and the places that the C code checks."""
+"""Common parts of FMUs with air springs: their parameters as numbers, and the indices that the C code uses."""
 
 from collections.abc import Mapping
 from typing import Final
@@ -22,12 +22,14 @@ ORDERS: Final = (
 
 
 def defaults_of(parameters: Parameters) -> NDArray[np.float64]:
-    """Return all parameters as one array of numbers."""
+    """Return all parameters as one array of numbers, in the order of the parameter record."""
     return np.frombuffer(np.asarray(parameters.record).tobytes(), dtype=np.float64)
 
 
 def places_of(*, shims: bool) -> Mapping[str, int]:
-    """Return the places that ``gas.c`` reads; with ``shims`` the preload can change during a simulation."""
+    """Return the indices that ``gas.c`` uses, by their names in C. ``shims`` states whether the preload can change in a
+    simulation.
+    """
     return {
         "ATMOSPHERE": offset(PARAMETERS, "atmospheric_pressure") // 8,
         "MEMBRANE": offset(PARAMETERS, "membrane_length") // 8,

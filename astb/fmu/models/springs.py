@@ -1,4 +1,4 @@
-"""Both air springs with their valves as an FMU: names, units, bounds and places of inputs, outputs and parameters."""
+"""Both air springs with their valves as an FMU: names, units, bounds and indices of inputs, outputs and parameters."""
 
 from collections.abc import Iterator
 from math import inf
@@ -27,7 +27,7 @@ _ELSEWHERE: Final = (
     ),
     *("support_softness", "force_latency", "displacement_latency"),
 )
-#: Parameters by which states come and go, or from which only the start follows.
+#: Parameters that add or remove states, or that affect only the start.
 FIXED: Final = (
     *("emergency_spring", "wall_temperature_offset", "wall_heat_capacity", "pipe_length"),
     *("extra_branch_ratio", "extra_friction", "flow_inertance", "spring_half_spacing", "centre_height"),
@@ -58,7 +58,7 @@ VALVES: Final = (
     ("air.right_reservoir", Input.RIGHT_RESERVOIR_VALVE, 1.0, 0.0, ""),
     ("air.dpv", Input.DPV_CONNECTED, 1.0, 0.0, ""),
 )
-#: Each represents left and right.
+#: Each row stands for two outputs, left and right.
 OF_SPRINGS: Final = (
     ("vertical_force", "N", Algebraic.VERTICAL_FORCE, "Upward force on the car body"),
     ("lateral_force", "N", Algebraic.LATERAL_FORCE, "Force to the left on the car body"),
@@ -98,7 +98,7 @@ CODE: Final = Code(
 
 
 def springs(parameters: Parameters) -> Unit:
-    """Return both springs with these parameters."""
+    """Return the FMU of both springs with these parameters."""
     return Unit(
         CODE,
         f"{parameters.name} {parameters.load_case}",
@@ -145,7 +145,7 @@ def of_sides(rows: tuple[tuple[str, str, int, str], ...]) -> Iterator[Variable]:
 
 
 def dpv_flow() -> Variable:
-    """Return the output for the flow between the springs."""
+    """Return the output for the air flow between the springs."""
     return Variable("springs.dpv_flow", "kg/s", Kind.OUTPUT, Algebraic.DPV_FLOW, "From left to right")
 
 
