@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 
 
 def variants(plan: Plan, given: Mapping[str, str]) -> Iterator[Plan]:
-    """Yield ``plan`` with the ``given`` parameters and each combination of choices of the others. Raises
-    ParameterRefused.
+    """Yield ``plan`` with the ``given`` parameters and each combination of choices of the others.
+
+    Raises ParameterRefused.
     """
     own = {one.name: given[one.name] for one in plan.parameters if one.name in given}
     open_choices = [

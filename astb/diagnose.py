@@ -125,8 +125,9 @@ def rig_of(parameters: "Parameters") -> "Description":
 
 
 def clear_results(out: Path) -> None:
-    """Create the directory of results, and remove those of an earlier diagnosis. Raises DiagnosisError if it cannot be
-    used.
+    """Create the directory of results, and remove those of an earlier diagnosis.
+
+    Raises DiagnosisError if it cannot be used.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -178,8 +179,9 @@ def read_data(
 
 
 def built_for(parameters: "Parameters", records: "Sequence[Record]") -> "Parameters":
-    """Return ``parameters`` with the dimensions of the rig that the records state. Raises DiagnosisError if the
-    dimensions differ between the records.
+    """Return ``parameters`` with the dimensions of the rig that the records state.
+
+    Raises DiagnosisError if the dimensions differ between the records.
     """
     first, *others = ((one.path.parent, _stated_in(one)) for one in records)
     for where, stated in others:
@@ -220,8 +222,9 @@ def with_roles(dataset: Dataset) -> Dataset:
 
 
 def _kept_back(names: Sequence[str]) -> dict[str, Role]:
-    """Return the roles of those runs of a screening that are not fitted. If possible, at least one run under every load
-    is fitted.
+    """Return the roles of those runs of a screening that are not fitted.
+
+    If possible, at least one run under every load is fitted.
     """
     loads: dict[str, list[str]] = {}
     for name in names:

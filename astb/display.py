@@ -62,8 +62,9 @@ class _Screen(Progress):
 
 
 class ProgressDisplay:
-    """The display for the operator, which is the watcher of a plan. On a terminal it shows a bar and the state of the
-    run, otherwise it prints lines.
+    """The display for the operator, which is the watcher of a plan.
+
+    On a terminal it shows a bar and the state of the run, otherwise it prints lines.
     """
 
     def __init__(self, console: Console) -> None:

@@ -111,8 +111,9 @@ def _refuse_idle_keys(source: Path, keys: LogKeys, table: Sequence[str], frames:
 
 
 def _conclude(source: Path, directory: Path, account: Account) -> None:
-    """Write result, checksums and report of an imported run, so that it is listed like other runs. It has no
-    verdict.
+    """Write result, checksums and report of an imported run, so that it is listed like other runs.
+
+    It has no verdict.
     """
     title = f"Imported from {source.name}"
     reason = "imported: nothing was judged here"

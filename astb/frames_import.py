@@ -103,8 +103,9 @@ def _put_together(frames: Frames, dbc: Dbc, account: Account) -> Frames:
 def _on_channel(
     source: Path, counts: Mapping[Kind, int], channel: str | None, account: Account
 ) -> dict[Kind, int]:
-    """Return the number of frames by kind, on the selected channel or on all channels. Raises RecordError for an
-    unknown channel.
+    """Return the number of frames by kind, on the selected channel or on all channels.
+
+    Raises RecordError for an unknown channel.
     """
     channels = sorted({kind.channel for kind in counts})
     if channel is None:

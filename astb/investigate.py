@@ -245,8 +245,9 @@ def _decide(
     diagnose: Callable[[Sequence[Path]], Finding],
     display: ProgressDisplay,
 ) -> str:
-    """Run plans and diagnose their records until no useful run is left. Store each step in the ``log``; return the
-    reason of the end.
+    """Run plans and diagnose their records until no useful run is left.
+
+    Store each step in the ``log``; return the reason of the end.
     """
     records: list[Path] = []
     attempts = 0
@@ -293,8 +294,9 @@ def _decide(
 
 
 def _computed_while_connected(session: Session, work: Callable[[], T]) -> T:
-    """Return the result of ``work``. Meanwhile the connection is used, because a rig closes it after a minute without
-    messages.
+    """Return the result of ``work``.
+
+    Meanwhile the connection is used, because a rig closes it after a minute without messages.
     """
     if session.virtual:
         return work()

@@ -29,8 +29,9 @@ class Listening:
         self.readings = Readings(self.receiver, self.settings.reading)
 
     def open(self) -> Self:
-        """Begin to listen. Raises LinkLost if no message arrives in time, MapMismatch if the rig uses another signal
-        map.
+        """Begin to listen.
+
+        Raises LinkLost if no message arrives in time, MapMismatch if the rig uses another signal map.
         """
         try:
             self.wiring.open(self.clock, self.receiver.receive, self._on_lost, within=self._within)

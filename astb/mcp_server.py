@@ -110,8 +110,9 @@ def mcp_server(folder: Path) -> MCPServer:
 
 
 def _with_messages(tool: Callable[..., Any]) -> Callable[..., Any]:
-    """Return ``tool`` with its known errors raised as ToolError. The library does not send the messages of other errors
-    to the client.
+    """Return ``tool`` with its known errors raised as ToolError.
+
+    The library does not send the messages of other errors to the client.
     """
 
     @wraps(tool)

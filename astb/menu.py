@@ -105,8 +105,9 @@ def _band_limited(asked: Array) -> Array:
 
 
 def _pressure(spring: Specimen, load: str, height: float) -> float:
-    """Return the gauge pressure (Pa) of a closed spring at ``height`` (m). It was closed at design height under its
-    load.
+    """Return the gauge pressure (Pa) of a closed spring at ``height`` (m).
+
+    It was closed at design height under its load.
     """
     volume = spring.bellows_volume + spring.auxiliary_volume
     filled = spring.load(load).fill_pressure + ATMOSPHERE

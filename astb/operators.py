@@ -77,8 +77,9 @@ class SimulatedHand:
 
 
 class Terminal(QuestionBox):
-    """An operator at a terminal. Questions are printed; an answer is a line with the first letters of a permitted
-    answer.
+    """An operator at a terminal.
+
+    Questions are printed; an answer is a line with the first letters of a permitted answer.
     """
 
     def __init__(self, console: Console, lines: TextIO) -> None:

@@ -45,8 +45,9 @@ class Reservation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def reservations(rig_file: Path) -> list[Reservation]:
-    """Return the present and future reservations of the rig of this file, in order. Raises NotReserved for an invalid
-    file.
+    """Return the present and future reservations of the rig of this file, in order.
+
+    Raises NotReserved for an invalid file.
     """
     path = reservations_folder(rig_file) / _FILE
     try:

@@ -97,8 +97,9 @@ def rigs() -> dict[str, Path]:
 
 
 def find_rig(rig: str | Path = ORDINARY) -> tuple[RigFile, Path]:
-    """Return a rig and the path of its file, by the path of the file or of its folder, or by a name of `rigs`. Raises
-    RigFileError if there is none, or if the file is wrong.
+    """Return a rig and the path of its file, by the path of the file or of its folder, or by a name of `rigs`.
+
+    Raises RigFileError if there is none, or if the file is wrong.
     """
     path = _rig_path(str(rig), Path())
     return read(path), path

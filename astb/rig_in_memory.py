@@ -151,8 +151,9 @@ class RigInMemory:
                 self.rig.peer_lost(client.name)
 
     def stream(self, cycle: "Cycle", stream: "CyclicStream", port: "_CanPort") -> "Task | None":
-        """Send the frames of ``cycle`` from ``port`` at the times of ``stream``. Return None if another port sends in
-        cycles.
+        """Send the frames of ``cycle`` from ``port`` at the times of ``stream``.
+
+        Return None if another port sends in cycles.
         """
         if self._stream is not None:
             return None

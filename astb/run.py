@@ -236,8 +236,9 @@ def run_plan(
 
 
 def _reported(directory: Path, display: ProgressDisplay) -> Path | None:
-    """Write checksums and report of a run; return the report. A disk error gives a warning and None, so the run is not
-    lost.
+    """Write checksums and report of a run; return the report.
+
+    A disk error gives a warning and None, so the run is not lost.
     """
     display.say("writing the report")
     try:
@@ -376,8 +377,9 @@ def undisturbed() -> Iterator[None]:
 
 
 def describe(session: Session, rig: RigFile) -> dict[str, Any]:
-    """Return the metadata on the origin of a record. For a virtual run they contain nothing that changes from day to
-    day.
+    """Return the metadata on the origin of a record.
+
+    For a virtual run they contain nothing that changes from day to day.
     """
     facts: dict[str, Any] = {
         "rig": rig.name,

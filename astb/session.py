@@ -320,8 +320,9 @@ def answers(rig: RigFile) -> bool:
 def started(
     simulation: Simulation, path: Path, seed: int | None, say: Callable[[str], None]
 ) -> Iterator[None]:
-    """Run ``astb rig`` for ``path``, with the ``simulation``, in its own process during the block. ``say`` gets its
-    ready line.
+    """Run ``astb rig`` for ``path``, with the ``simulation``, in its own process during the block.
+
+    ``say`` gets its ready line.
     """
     with start_rig(simulation, path, seed, subprocess.PIPE) as process:
         try:
@@ -335,8 +336,9 @@ def started(
 
 
 def start_rig(simulation: Simulation, path: Path, seed: int | None, lifeline: int) -> subprocess.Popen[str]:
-    """Start ``astb rig`` in its own process, with ``lifeline`` as standard input. The rig ends when all holders of the
-    other end of this pipe have closed it.
+    """Start ``astb rig`` in its own process, with ``lifeline`` as standard input.
+
+    The rig ends when all holders of the other end of this pipe have closed it.
     """
     command = [sys.executable, "-m", "astb", "rig", "--rig", str(path), "--until-eof"]
     command += ["--model", simulation.parameters]

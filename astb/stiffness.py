@@ -43,8 +43,9 @@ class StiffnessChecks:
         )
 
     def states(self, nuisance: str) -> bool:
-        """Return whether ``nuisance`` is the offset of a sensor. Planned experiments are free of this error, because
-        their initial state is not measured.
+        """Return whether ``nuisance`` is the offset of a sensor.
+
+        Planned experiments are free of this error, because their initial state is not measured.
         """
         return nuisance.endswith(".offset")
 
@@ -113,8 +114,9 @@ def _shut(experiment: Experiment) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
 
 
 def sine_in(motion: Array, step: float, frequency: float) -> slice | None:
-    """Return the last part of ``motion`` (n,) that is a steady sine of `AMPLITUDE`; None if there is none. ``step`` is
-    in s.
+    """Return the last part of ``motion`` (n,) that is a steady sine of `AMPLITUDE`; None if there is none.
+
+    ``step`` is in s.
     """
     size = round(_cycles(frequency) / frequency / step)
     if len(motion) < size:

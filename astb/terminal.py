@@ -14,8 +14,9 @@ def printable(text: str) -> str:
 
 
 class PrintableStream:
-    """A text stream that writes only `printable` characters. A console of the library rich bypasses it to write
-    colours.
+    """A text stream that writes only `printable` characters.
+
+    A console of the library rich bypasses it to write colours.
     """
 
     def __init__(self, stream: TextIO) -> None:

@@ -40,8 +40,9 @@ class _Pulse:
 
     @property
     def still(self) -> bool:
-        """Whether the process has used no processor time for `_STILL` s. False if the system does not report this
-        time.
+        """Whether the process has used no processor time for `_STILL` s.
+
+        False if the system does not report this time.
         """
         with suppress(OSError):
             fields = self._stat.read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
@@ -67,8 +68,9 @@ class RunTwin:
 
     @property
     def deviation(self) -> Deviation | None:
-        """The present deviation of rig and model; None if they agree. In virtual time, this waits for the results of
-        the twin.
+        """The present deviation of rig and model; None if they agree.
+
+        In virtual time, this waits for the results of the twin.
         """
         story = self._caught_up() if self._virtual else self.story()
         return story.present_deviation if story is not None else None

@@ -60,8 +60,9 @@ class Subject:
 
 @dataclass(frozen=True, slots=True)
 class RuleResult:
-    """Result of one rule. ``breach`` states how the rule was broken; it is empty if the rule was kept or not
-    checked.
+    """Result of one rule.
+
+    ``breach`` states how the rule was broken; it is empty if the rule was kept or not checked.
     """
 
     rule: str
@@ -132,8 +133,9 @@ class _Bench:
 
 
 def check_transport(subject: Subject, only: str = "") -> list[RuleResult]:
-    """Check every rule, or those whose names begin with ``only``. Return the results; one with a ``breach`` is a broken
-    rule.
+    """Check every rule, or those whose names begin with ``only``.
+
+    Return the results; one with a ``breach`` is a broken rule.
     """
     results = []
     for rule in _RULES:

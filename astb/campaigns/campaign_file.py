@@ -37,8 +37,9 @@ class Variant(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class CampaignFile(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """Content of a campaign file. Each plan runs with each combination of values, specimen, variant, change and
-    seed.
+    """Content of a campaign file.
+
+    Each plan runs with each combination of values, specimen, variant, change and seed.
     """
 
     plans: Annotated[tuple[str, ...], Meta(min_length=1)]
@@ -116,8 +117,9 @@ def _base(rig: str, home: Path) -> Simulation:
 
 
 def _path(name: str, home: Path) -> str:
-    """Return the path of a TOML file as an absolute path, because workers may run in another directory. Names are
-    unchanged.
+    """Return the path of a TOML file as an absolute path, because workers may run in another directory.
+
+    Names are unchanged.
     """
     return str((home / name).resolve()) if name.endswith(".toml") else name
 

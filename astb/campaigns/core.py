@@ -54,7 +54,7 @@ def carried_out(
     found: list[Finished] = []
     try:
         while True:
-            # Not more than one for each thread: a case that waits behind one that kills its worker would count as a cause.
+            # Only one for each thread: a case that waits behind one that kills its worker would count as a cause, too.
             room = max(_threads(client), 1)
             while len(running) < room and (following := next(waiting, None)):
                 number, (key, case) = following
@@ -77,8 +77,9 @@ def carried_out(
 
 
 def _next(client: "Client", ended: "SimpleQueue[Future]") -> "list[Future]":
-    """Wait until a future has ended. Return it, and all others that have ended by then. Raises ClusterError if there
-    are no workers for a minute.
+    """Wait until a future has ended.
+
+    Return it, and all others that have ended by then. Raises ClusterError if there are no workers for a minute.
     """
     found: list[Future] = []
     alone_since = None

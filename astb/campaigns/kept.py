@@ -35,8 +35,9 @@ class KeptRows:
     """
 
     def __init__(self, directory: Path, *, without_errors: bool = False) -> None:
-        """Open or create ``directory``; ``without_errors`` drops the rows of failed cases. Raises KeptError if it
-        cannot be used.
+        """Open or create ``directory``; ``without_errors`` drops the rows of failed cases.
+
+        Raises KeptError if it cannot be used.
         """
         self.directory = directory
         self._lock = _locked(directory)
@@ -68,8 +69,9 @@ class KeptRows:
         self.close()
 
     def add(self, row: Mapping[str, Any]) -> None:
-        """Store a row; it is on the disk when this returns. Raises ValueError if it does not fit into a table with the
-        earlier rows.
+        """Store a row; it is on the disk when this returns.
+
+        Raises ValueError if it does not fit into a table with the earlier rows.
         """
         table = _table(row)
         schema = _unified(self._schema, table.schema)
@@ -102,8 +104,9 @@ class KeptRows:
 
 
 def read_table(directory: Path) -> "pa.Table":
-    """Return all rows in ``directory``, each key once, in the order in which they were stored. Raises KeptError if it
-    has other contents.
+    """Return all rows in ``directory``, each key once, in the order in which they were stored.
+
+    Raises KeptError if it has other contents.
     """
     import numpy as np
     import pyarrow as pa
@@ -177,8 +180,9 @@ def _bare(value: Any) -> Any:
 
 
 def _write(table: "pa.Table", path: Path) -> None:
-    """Write a part under a temporary name, and rename it when it is complete on the disk. Raises KeptFailed if this
-    fails.
+    """Write a part under a temporary name, and rename it when it is complete on the disk.
+
+    Raises KeptFailed if this fails.
     """
     import pyarrow.parquet as pq
 

@@ -168,8 +168,9 @@ def _write_new(names: tuple[str, ...]) -> None:
 
 
 def plans_named(names: "Iterable[str]") -> "list[Plan]":
-    """Return the test plans with these names, and those in the Python files among ``names``. An unknown name ends the
-    command.
+    """Return the test plans with these names, and those in the Python files among ``names``.
+
+    An unknown name ends the command.
     """
     from test_plans.discovery import in_file, plans, unknown, unusable
     from test_plans.run import PlanError

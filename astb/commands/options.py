@@ -76,8 +76,9 @@ def effect_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def read_specimen(name: str | None) -> "Specimen":
-    """Return the specimen of a file or of a name, by default the bench's own one. An invalid specimen ends the
-    command.
+    """Return the specimen of a file or of a name, by default the bench's own one.
+
+    An invalid specimen ends the command.
     """
     from test_plans.loads import SpecimenError
     from test_plans.specimen import ORDINARY, read_specimen
@@ -89,8 +90,9 @@ def read_specimen(name: str | None) -> "Specimen":
 
 
 def read_rig(named: str | None) -> "tuple[RigFile, Path]":
-    """Return the rig of a file or of a name, by default the rig local, and the path of its file. An invalid rig ends
-    the command.
+    """Return the rig of a file or of a name, by default the rig local, and the path of its file.
+
+    An invalid rig ends the command.
     """
     try:
         return find_rig(named or ORDINARY)
@@ -101,8 +103,9 @@ def read_rig(named: str | None) -> "tuple[RigFile, Path]":
 def simulated(
     rig: "RigFile", path: Path, model: str | None, effects: Sequence[str], sealed: str | None
 ) -> "RigFile":
-    """Return ``rig`` with the options of `simulation_options`, which override the rig file. With a real rig, they end
-    the command.
+    """Return ``rig`` with the options of `simulation_options`, which override the rig file.
+
+    With a real rig, they end the command.
     """
     if not (model or effects or sealed):
         return rig
@@ -124,8 +127,9 @@ def simulated(
 
 
 def pairs(texts: Iterable[str], wrong: str, *, option: str = "") -> dict[str, str]:
-    """Return the values of texts NAME=VALUE, by name. A text without "=" ends the command with the message ``wrong``,
-    and so does a repeated name.
+    """Return the values of texts NAME=VALUE, by name.
+
+    A text without "=" ends the command with the message ``wrong``, and so does a repeated name.
     """
     found: dict[str, str] = {}
     for text in texts:

@@ -138,8 +138,9 @@ def _past(
     effects: tuple[str, ...],
     changes: tuple[str, ...],
 ) -> "Past | None":
-    """Return the recorded run of ``--from`` with its changes, or None if plans are rehearsed. Contradictory options end
-    the command.
+    """Return the recorded run of ``--from`` with its changes, or None if plans are rehearsed.
+
+    Contradictory options end the command.
     """
     if bool(plans) == bool(kept) or ((faults or changes) and not kept):
         misuse("name either a PLAN, or a run with --from RUN@TIME; --fault and --change need --from")

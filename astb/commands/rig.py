@@ -188,8 +188,9 @@ def _at_bit_rate(rig: "RigFile", bit_rate: str | None) -> "Simulation":
 
 @contextmanager
 def _captured(path: Path | None, *, live: bool) -> "Iterator[Capture | None]":
-    """Yield a capture of the bus traffic, which is also written to the file ``path``. Without a file and without
-    ``live``, yield None.
+    """Yield a capture of the bus traffic, which is also written to the file ``path``.
+
+    Without a file and without ``live``, yield None.
     """
     from bench_sim.rig.capture import Capture, CaptureFile
 
@@ -202,8 +203,9 @@ def _captured(path: Path | None, *, live: bool) -> "Iterator[Capture | None]":
 
 
 def _listen(bench: "Rig", stop: threading.Event, until_eof: bool) -> None:
-    """Let SIGUSR1 press and SIGUSR2 release the emergency stop. With ``until_eof``, the end of the standard input stops
-    the rig.
+    """Let SIGUSR1 press and SIGUSR2 release the emergency stop.
+
+    With ``until_eof``, the end of the standard input stops the rig.
     """
     if until_eof:  # the process that started this rig holds the other end, so the rig stops with it
         threading.Thread(target=_when_stdin_ends, args=(stop.set,), daemon=True).start()

@@ -401,8 +401,9 @@ def _no_such(index: RunIndex, check: str, specimen: str) -> str:
 
 
 def _of_one_kind(check: str, checks: "list[KeptCheck]") -> "list[KeptCheck]":
-    """Return the checks if all were measured in the same way. Otherwise end the command, and print the options for each
-    way.
+    """Return the checks if all were measured in the same way.
+
+    Otherwise end the command, and print the options for each way.
     """
     kinds = {
         (

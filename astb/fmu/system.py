@@ -88,8 +88,9 @@ def _connections(units: Mapping[str, Unit]) -> Iterator[_Connection]:
 
 
 def _connector_name(component: str, variable: Variable) -> str:
-    """Return the name of a connector. At the system it has no dots, because ``car.wind`` could also mean ``wind`` of
-    the component ``car``.
+    """Return the name of a connector.
+
+    At the system it has no dots, because ``car.wind`` could also mean ``wind`` of the component ``car``.
     """
     return variable.name if component else variable.name.replace(".", "_")
 

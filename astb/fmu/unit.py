@@ -39,8 +39,9 @@ _OF_ACTUATORS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """One scalar variable, in SI. Outputs have no start value. With ``whole``, the values are integers that represent
-    choices.
+    """One scalar variable, in SI.
+
+    Outputs have no start value. With ``whole``, the values are integers that represent choices.
     """
 
     name: str

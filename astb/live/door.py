@@ -44,8 +44,9 @@ def door_path(rig_file: Path) -> Path:
 
 
 def knock(rig_file: Path, order: dict[str, Any], within: float = 2.0) -> dict[str, Any]:
-    """Send a request to the run on this rig, and return the answer. Raises NoRun without a run, Deaf without an answer
-    ``within`` s.
+    """Send a request to the run on this rig, and return the answer.
+
+    Raises NoRun without a run, Deaf without an answer ``within`` s.
     """
     try:
         line = ask(door_path(rig_file), msgspec.json.encode(order), within)
@@ -67,8 +68,9 @@ class Door:
         self._stopped = False
 
     def answer(self, line: bytes) -> bytes:
-        """Execute the request in a line of JSON, and return the answer. For an impossible request, this has an
-        ``error``.
+        """Execute the request in a line of JSON, and return the answer.
+
+        For an impossible request, this has an ``error``.
         """
         try:
             order = msgspec.json.decode(line, type=dict[str, str])

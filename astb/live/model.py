@@ -74,8 +74,9 @@ class Live:
         self._said = text
 
     def phase(self, path: tuple[str, ...], *, begins: bool) -> None:
-        """Record that the last phase of ``path`` begins or has ended. ``path`` are the names of the open phases,
-        outermost first.
+        """Record that the last phase of ``path`` begins or has ended.
+
+        ``path`` are the names of the open phases, outermost first.
         """
         if begins:
             self._follower.begin(path[-1], len(path) - 1)

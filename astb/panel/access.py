@@ -44,8 +44,9 @@ class NotAllowed(Exception):
 
 
 class Doorkeeper:
-    """An ASGI middleware. It passes only requests with a host name of this machine, and no changes from pages of other
-    servers.
+    """An ASGI middleware.
+
+    It passes only requests with a host name of this machine, and no changes from pages of other servers.
     """
 
     def __init__(self, app: ASGIApp, host: str, names: Collection[str] = ()) -> None:
@@ -123,8 +124,9 @@ class Patience:
         ] = {}  # when the next try of a client would be in time, in ns; "" stands for all
 
     def wait(self, client: str) -> float:
-        """Return the waiting time (s) of this try of ``client``. Raises NotAllowed, with status 429, if it is too
-        long.
+        """Return the waiting time (s) of this try of ``client``.
+
+        Raises NotAllowed, with status 429, if it is too long.
         """
         now = self._clock.now()
         if len(self._due) >= _CLIENTS_MAX:
@@ -177,8 +179,9 @@ class Access:
             await sleep(seconds)
 
     async def slow_down(self, connection: HTTPConnection) -> None:
-        """Delay a client whose cookie has a wrong token. With the right token nobody waits, so that an emergency stop
-        is immediate.
+        """Delay a client whose cookie has a wrong token.
+
+        With the right token nobody waits, so that an emergency stop is immediate.
         """
         if connection.cookies.get(self.cookie) and not self.may_command(connection):
             await self.wait(connection)
@@ -215,8 +218,9 @@ class Access:
             raise NotAllowed("this page can only watch; to command, open the address that the terminal shows")
 
     def require_seat(self, connection: HTTPConnection) -> None:
-        """Raise NotAllowed for a client without the token, or if another page has the seat. A free seat goes to this
-        page.
+        """Raise NotAllowed for a client without the token, or if another page has the seat.
+
+        A free seat goes to this page.
         """
         self.require_token(connection)
         page = connection.headers.get("x-astb-page", "")

@@ -159,8 +159,9 @@ def _host_and_port(text: str) -> tuple[str, int]:
 
 
 def _serve(app: "ASGIApp", access: "Access", sockets: list[socket.socket], tell: Callable[[], None]) -> None:
-    """Serve until a signal ends the panel. ``tell`` prints the addresses, after the handlers of signals are
-    installed.
+    """Serve until a signal ends the panel.
+
+    ``tell`` prints the addresses, after the handlers of signals are installed.
     """
     from astb.panel.connections import Server
 

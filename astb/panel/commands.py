@@ -48,8 +48,9 @@ def command(parts: Parts, path: str, do: Command, *, seat: bool = True) -> Route
 
 
 async def json_body(request: Request) -> dict[str, Any]:
-    """Return the JSON object in a request. Raises NotAllowed if it is too long, nested too deep, or not a JSON
-    object.
+    """Return the JSON object in a request.
+
+    Raises NotAllowed if it is too long, nested too deep, or not a JSON object.
     """
     body = await read_body(request, _BODY_MAX, f"the request has more than {_BODY_MAX} bytes; shorten it")
     try:
@@ -64,8 +65,9 @@ async def json_body(request: Request) -> dict[str, Any]:
 
 
 async def read_body(request: Request, most: int, too_much: str) -> bytes:
-    """Return the body of a request. Raises NotAllowed once it exceeds ``most`` bytes, because its length may be
-    unknown.
+    """Return the body of a request.
+
+    Raises NotAllowed once it exceeds ``most`` bytes, because its length may be unknown.
     """
     body = bytearray()
     try:

@@ -57,8 +57,9 @@ class Room:
         return len(self._inside) >= self._most or self._of[address] >= self._each
 
     def enter(self, connection: object, address: str, drop: Callable[[], None]) -> None:
-        """Give a slot to a connection, which can be closed by ``drop``. If there is no slot, the oldest connection is
-        dropped.
+        """Give a slot to a connection, which can be closed by ``drop``.
+
+        If there is no slot, the oldest connection is dropped.
         """
         while self.full(address):
             self.drop_oldest(address if self._of[address] >= self._each else "")

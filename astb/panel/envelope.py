@@ -41,8 +41,9 @@ class Level:
         np.fmax.at(self._high, at, values[kept])
 
     def read(self, rows: Ints, first: int, count: int, together: int) -> tuple[Floats32, Floats32]:
-        """Return lows and highs of ``count`` intervals from number ``first`` on, arrays of (rows, count). Each interval
-        joins ``together`` intervals of this level.
+        """Return lows and highs of ``count`` intervals from number ``first`` on, arrays of (rows, count).
+
+        Each interval joins ``together`` intervals of this level.
         """
         slots = np.arange(first * together, (first + count) * together)
         known = (slots > self.head - self._slots) & (slots <= self.head) & (slots >= 0)

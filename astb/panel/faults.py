@@ -49,8 +49,9 @@ def _on(rig: RigFile, body: dict[str, Any]) -> dict[str, Any]:
 
 
 def _order(rig: RigFile, order: dict[str, Any]) -> dict[str, Any]:
-    """Send an order to the control socket of the rig, and return the answer. Raises CannotDo without a socket, or if
-    the rig refuses.
+    """Send an order to the control socket of the rig, and return the answer.
+
+    Raises CannotDo without a socket, or if the rig refuses.
     """
     if rig.simulation is None:
         raise CannotDo(f"{rig.name} is a real rig; faults can be inserted only into a simulated rig")

@@ -100,8 +100,9 @@ def routes(parts: Parts) -> Sequence[Route]:
 
 
 class Kept:
-    """The contents of a folder of runs at the time of the request. Raises RecordError for missing or unreadable
-    runs.
+    """The contents of a folder of runs at the time of the request.
+
+    Raises RecordError for missing or unreadable runs.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -240,8 +241,9 @@ class Kept:
         return old, new
 
     def known(self, run: str) -> Path:
-        """Return the directory of a run in the index. Raises RecordError for another name, so that no other directory
-        is opened.
+        """Return the directory of a run in the index.
+
+        Raises RecordError for another name, so that no other directory is opened.
         """
         if run not in [one.directory for one in RunIndex(self._folder).runs()]:
             raise RecordError(f"{self._folder} holds no run {run}; reload the page")

@@ -64,8 +64,9 @@ def listed(directory: Path) -> list[dict[str, Any]]:
 
 
 def _adding(parts: Parts, known: Known) -> Callable[[Request], Awaitable[Response]]:
-    """Return the endpoint that stores a note: the text is in the address, the file is the body. The client needs the
-    token.
+    """Return the endpoint that stores a note: the text is in the address, the file is the body.
+
+    The client needs the token.
     """
     places = CapacityLimiter(_AT_ONCE)
 

@@ -58,8 +58,9 @@ class Rehearsals:
         self._lock = threading.Lock()
 
     def start(self, body: Mapping[str, Any]) -> None:
-        """Start to rehearse a plan. Raises CannotDo during a run or a rehearsal, or for settings that the plan
-        refuses.
+        """Start to rehearse a plan.
+
+        Raises CannotDo during a run or a rehearsal, or for settings that the plan refuses.
         """
         plan, settings = text_of(body, "plan"), settings_of(body)
         refuse_settings(plan, settings)

@@ -139,8 +139,9 @@ class Runs:
         return self._process is not None and self._process.poll() is None
 
     def order(self, do: str, **more: str) -> None:
-        """Send an order to the run: hold, resume, stop, answer. Raises CannotDo without a run, or if the run
-        refuses.
+        """Send an order to the run: hold, resume, stop, answer.
+
+        Raises CannotDo without a run, or if the run refuses.
         """
         try:
             answer = knock(self._watch.path, {"do": do, **more})

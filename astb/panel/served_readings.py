@@ -18,8 +18,9 @@ _NO_SAMPLE: Final = Sample(nan, inf, Quality.MISSING)
 
 
 class ServedReading(NamedTuple):
-    """A measurement: ``value`` is in the unit of ``signal``, NaN unless the quality is good. ``time`` is None without a
-    sample.
+    """A measurement: ``value`` is in the unit of ``signal``, NaN unless the quality is good.
+
+    ``time`` is None without a sample.
     """
 
     signal: Shown

@@ -65,8 +65,9 @@ class Specimens:
         return str((self._folder / name).resolve()) if name.endswith(".toml") else name
 
     def read(self, name: str) -> Specimen:
-        """Return a specimen, by default that of the bench. Raises CannotDo, with the message of the reader, for an
-        invalid file.
+        """Return a specimen, by default that of the bench.
+
+        Raises CannotDo, with the message of the reader, for an invalid file.
         """
         try:
             return read_specimen(self.place(name) or ORDINARY)

@@ -30,8 +30,9 @@ def routes(parts: Parts) -> Sequence[Route]:
 
 
 def twin_runs(out: Path, request: Request) -> dict[str, Any]:
-    """Return the runs that have a twin, the newest first, and the findings of the requested run. Raises RecordError if
-    this run has no twin.
+    """Return the runs that have a twin, the newest first, and the findings of the requested run.
+
+    Raises RecordError if this run has no twin.
     """
     runs = (
         [one.directory for one in reversed(RunIndex(out).runs()) if (out / one.directory / TWIN).exists()]

@@ -63,8 +63,9 @@ class Past(NamedTuple):
 
     @classmethod
     def named(cls, text: str, changes: Changes) -> "Past":
-        """Return the run and the time in a text ``RUN@TIME``. Raises ValueError or RecordError, which state the correct
-        form.
+        """Return the run and the time in a text ``RUN@TIME``.
+
+        Raises ValueError or RecordError, which state the correct form.
         """
         directory, mark, time = text.rpartition("@")
         if not mark:
@@ -83,8 +84,9 @@ class Past(NamedTuple):
         return self.at + self.record.start_ns / NS
 
     def again(self, simulation: Simulation) -> dict[str, Any]:
-        """Return the arguments with which `rehearse` repeats and changes the run on the rig of a ``simulation``. Raises
-        ParameterError for impossible changes.
+        """Return the arguments with which `rehearse` repeats and changes the run on the rig of a ``simulation``.
+
+        Raises ParameterError for impossible changes.
         """
         changed = self._changed(simulation)
         otherwise = Otherwise.of(changed, self.seed, self.changes.effects, self.changes.parameters)
@@ -122,8 +124,9 @@ class Past(NamedTuple):
         )
 
     def report(self, directory: Path) -> list[str]:
-        """Return a text that compares the repeated run in ``directory`` with the original one. Raises RecordError if
-        they differ before the time of the change.
+        """Return a text that compares the repeated run in ``directory`` with the original one.
+
+        Raises RecordError if they differ before the time of the change.
         """
         kept = self.record.path.parent
         found = deviating_signals(self.record, read(directory), self.at)

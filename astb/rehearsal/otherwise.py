@@ -42,8 +42,9 @@ class Otherwise(NamedTuple):
         return cls(names, after, lines + [_KEPT] * (not VOLUMES.isdisjoint(names)))
 
     def begin(self, rig: "Rig", at: float) -> None:
-        """Apply the changes from ``at`` s of the rig's time on. Raises ParameterError for springs that an FMU
-        computes.
+        """Apply the changes from ``at`` s of the rig's time on.
+
+        Raises ParameterError for springs that an FMU computes.
         """
         try:
             turn(rig, at, self.names, self.record)

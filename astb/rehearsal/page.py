@@ -43,8 +43,9 @@ _STYLE: Final = """\
 
 
 def write_page(found: Rehearsal, directory: Path) -> Path:
-    """Write ``rehearsal.html`` from the rehearsal and the record in ``directory``; return its path. Raises RecordError
-    if the record cannot be read or the page not written.
+    """Write ``rehearsal.html`` from the rehearsal and the record in ``directory``; return its path.
+
+    Raises RecordError if the record cannot be read or the page not written.
     """
     record = read(directory)
     span = (0.0, max(record.duration, 1e-3))

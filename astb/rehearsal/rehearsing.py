@@ -45,8 +45,9 @@ _OUR_WIRES: Final = ("control.", "lease.")
 
 
 class LimitMargin(msgspec.Struct, frozen=True):
-    """The smallest margin of a plan to one limit. Values are SI, in the quantity that the limit judges, such as a
-    rate.
+    """The smallest margin of a plan to one limit.
+
+    Values are SI, in the quantity that the limit judges, such as a rate.
     """
 
     signal: str

@@ -18,8 +18,9 @@ __all__ = ["DiagnosisError", "ParameterError", "RecordError", "Screen", "compari
 
 
 def watch_on_screen(directory: Path, model: str) -> TwinStory:
-    """Compare a run with its model until the run ends, and show the results on the terminal. Return the last
-    results.
+    """Compare a run with its model until the run ends, and show the results on the terminal.
+
+    Return the last results.
     """
     printed: dict[int, int] = {}
     with Screen() as screen:
@@ -36,8 +37,9 @@ def watch_on_screen(directory: Path, model: str) -> TwinStory:
 
 
 def lines(deviation: Deviation, word: str) -> list[str]:
-    """Return the lines of text on a deviation. ``word`` states how it has changed; "told" stands for a new
-    deviation.
+    """Return the lines of text on a deviation.
+
+    ``word`` states how it has changed; "told" stands for a new deviation.
     """
     head = "deviation" if word == "told" else f"deviation, {word}"
     if deviation.summary is None:

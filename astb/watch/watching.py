@@ -59,8 +59,9 @@ def watch(directory: Path, model: str, report: Callable[[TwinStory], None]) -> T
 
 
 def _opened(directory: Path, clock: RealClock) -> Record:
-    """Return the record of a run in progress, or of a finished one. Waits up to `BEGINS` s for a run that is about to
-    begin.
+    """Return the record of a run in progress, or of a finished one.
+
+    Waits up to `BEGINS` s for a run that is about to begin.
     """
     until = clock.now() + round(BEGINS * NS)
     while clock.now() < until and not any((directory / name).exists() for name in (STREAM, PARQUET)):

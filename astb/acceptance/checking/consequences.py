@@ -23,8 +23,9 @@ def plans_by_need() -> dict[str, set[str]]:
 
 
 def missing(absent: Iterable[str]) -> list[Missing]:
-    """Return the names in ``absent`` that plans need, each once. Names that block the same plans form one group; the
-    group that blocks the most plans comes first.
+    """Return the names in ``absent`` that plans need, each once.
+
+    Names that block the same plans form one group; the group that blocks the most plans comes first.
     """
     needed, groups = plans_by_need(), dict[tuple[str, ...], list[str]]()
     for name in dict.fromkeys(absent):

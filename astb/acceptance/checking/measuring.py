@@ -123,8 +123,9 @@ class Measuring:
                 self._shake(axis, amplitude, frequency)
 
     def one_by_one(self) -> None:
-        """Press each spring while the other one is free. The moment of the load cells divided by their force is the
-        spring's position.
+        """Press each spring while the other one is free.
+
+        The moment of the load cells divided by their force is the spring's position.
         """
         for side in SIDES:
             self._to(LOW, LOW)
@@ -172,8 +173,9 @@ class Measuring:
         self._bench.wait(SETTLE)
 
     def _tilt(self, side: str, up: float) -> None:
-        """Move the piston of ``side`` to ``up`` m above its position of rest. The bolster turns about the spring of the
-        other side.
+        """Move the piston of ``side`` to ``up`` m above its position of rest.
+
+        The bolster turns about the spring of the other side.
         """
         names = ("spring_half_spacing", across(f"vertical_{side}"))
         spring, piston = (1.0, 1.0) if self._rig.lacks(*names) else (abs(self._rig[name]) for name in names)
@@ -227,8 +229,9 @@ class Measuring:
         return times[steady], {name: series[steady] for name, series in values.items()}
 
     def _press(self, side: str) -> None:
-        """Lower one side in steps until its spring carries the force `PRESSED`. Store the change of all readings since
-        it carried `CONTACT`.
+        """Lower one side in steps until its spring carries the force `PRESSED`.
+
+        Store the change of all readings since it carried `CONTACT`.
         """
         bench, force = self._bench, FORCES[SIDES.index(side)]
         hanging = bench.average(force, over=SETTLE)
@@ -307,8 +310,9 @@ class Measuring:
         )
 
     def _report_undetermined(self) -> None:
-        """Record which of the six forces and moments the load cells cannot measure. The upward force and the roll
-        moment are required.
+        """Record which of the six forces and moments the load cells cannot measure.
+
+        The upward force and the roll moment are required.
         """
         if self._rig.lacks(*CELLS):
             return

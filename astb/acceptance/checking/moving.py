@@ -39,8 +39,9 @@ _LATENCY_MAX: Final = 500 * ms
 
 
 def move_each(bench: Bench) -> list[MoveLine]:
-    """Move each axis of a connected ``bench``, and return the findings. The bench must be at rest without air; at the
-    end it is brought to rest.
+    """Move each axis of a connected ``bench``, and return the findings.
+
+    The bench must be at rest without air; at the end it is brought to rest.
     """
     book = _Moves(bench)
     if why := _not_now(bench):
@@ -125,8 +126,9 @@ class _Moves:
         return {name: after[name] - before[name] for name in names}
 
     def _feel(self, name: str, start: float, change: float, rate: float) -> None:
-        """Move an axis by ``change`` for the first time. Raises RigFault if it goes more than three times as far, as
-        with a wrong scale.
+        """Move an axis by ``change`` for the first time.
+
+        Raises RigFault if it goes more than three times as far, as with a wrong scale.
         """
         bench, signal = self._bench, self._bench.table[name]
         before = bench.average(name, over=_OVER)
@@ -162,8 +164,9 @@ class _Moves:
         )
 
     def _latency(self, name: str, times: np.ndarray, values: np.ndarray, change: float, lasts: float) -> None:
-        """Record the delay of a reading behind its set-point, at half of the change. Nothing is recorded for a reading
-        that makes less than half of the change.
+        """Record the delay of a reading behind its set-point, at half of the change.
+
+        Nothing is recorded for a reading that makes less than half of the change.
         """
         if values.size < 2 or abs(values[-1] - values[0]) < 0.5 * abs(change):
             return
@@ -194,8 +197,9 @@ def _sum(changes: Mapping[str, float], names: tuple[str, ...]) -> float | None:
 
 
 def _lift(bench: Bench, book: _Moves) -> None:
-    """Lift both sides. Check that the heights follow the actuators, and that the load cells lose the weight that these
-    carry.
+    """Lift both sides.
+
+    Check that the heights follow the actuators, and that the load cells lose the weight that these carry.
     """
     _in_displacement(bench, "vertical")
     book.dimensions.resting()

@@ -26,8 +26,9 @@ _CELLS: Final = BY_GROUP[Group.VERTICAL_LOAD_CELL]
 
 
 def doubts(means: Mapping[str, float], signals: Mapping[str, Signal], *, at_rest: bool) -> dict[str, str]:
-    """Return a text on each wrong reading of ``means`` (SI), by signal. If the bench is not ``at_rest``, only
-    impossible values count.
+    """Return a text on each wrong reading of ``means`` (SI), by signal.
+
+    If the bench is not ``at_rest``, only impossible values count.
     """
     found = {}
     for name, value in means.items():

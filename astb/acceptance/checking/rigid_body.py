@@ -281,6 +281,7 @@ class RigidBody:
 
     def _residuals(self, at: Mapping[str, Floats]) -> Floats:
         """Return the residuals: each equation divided by its standard deviation, for all sets of unknowns in ``at``.
+
         Shape (n, sets).
         """
         rig, found = self._rig(at), list[Floats]()
@@ -293,8 +294,9 @@ class RigidBody:
     # -- least squares -----------------------------------------------------------------------------------------------
 
     def _solve(self, sigmas: Mapping[str, float]) -> tuple[Floats, Floats, float]:
-        """Solve the least-squares problem by Gauss-Newton steps. Return the changes of the unknowns in units of
-        ``sigmas``, their covariance, and χ² with the priors.
+        """Solve the least-squares problem by Gauss-Newton steps.
+
+        Return the changes of the unknowns in units of ``sigmas``, their covariance, and χ² with the priors.
         """
         names = list(self._unknowns)
         size = np.array([sigmas[name] for name in names])
@@ -333,8 +335,9 @@ class RigidBody:
         return found, chi
 
     def estimates(self) -> list[Estimate]:
-        """Return an estimate of each dimension. While a stated value is contradicted, the prior whose removal reduces
-        χ² most is removed.
+        """Return an estimate of each dimension.
+
+        While a stated value is contradicted, the prior whose removal reduces χ² most is removed.
         """
         freed, rivals = set[str](), dict[str, tuple[str, ...]]()
         exact = {name: EXACT * one.scale if one.known else one.sigma for name, one in self._unknowns.items()}
@@ -417,6 +420,7 @@ class RigidBody:
 
 def _column(rig: Mapping[str, Any], cell: str) -> tuple[Any, Any, Any]:
     """Return force to the left, force upward and roll moment for one newton on ``cell``, as `places.column_of` does.
+
     The dimensions may be arrays.
     """
     d_x, d_y, d_z = (rig[name] for name in direction(cell))

@@ -65,8 +65,9 @@ class Stream:
             self._task = None
 
     def send(self, change: Callable[[Block], None] | None = None, port: "CanPort | None" = None) -> None:
-        """Send one block of commands. ``change`` edits the block first; ``port`` is used instead of the listener's
-        port.
+        """Send one block of commands.
+
+        ``change`` edits the block first; ``port`` is used instead of the listener's port.
         """
         block = self._encoder.encode(self.values, self._rows, self._access.clock.now())
         if change:

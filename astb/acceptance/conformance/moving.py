@@ -61,8 +61,9 @@ def move(access: RawAccess) -> list[Notebook]:
 def way_up(
     access: RawAccess, line: ModbusConnection, stream: Stream, book: Notebook, to: str = "ACTIVE"
 ) -> bool:
-    """Bring the bench from DISABLED to the state ``to``; its platform does not move. Record each step, and return
-    whether all succeeded.
+    """Bring the bench from DISABLED to the state ``to``; its platform does not move.
+
+    Record each step, and return whether all succeeded.
     """
     if not access.wait_for(lambda: access.listener.state == "DISABLED", READY_WITHIN):
         book.skip(
@@ -139,8 +140,9 @@ def _small_move(access: RawAccess, stream: Stream, book: Notebook) -> None:
 
 
 def _hold(access: RawAccess, stream: Stream, elsewhere: float, book: Notebook) -> None:
-    """Bring the bench to HOLD, send ``elsewhere`` (m) as set-point of its platform, and record how far it moves. Then
-    request ACTIVE.
+    """Bring the bench to HOLD, send ``elsewhere`` (m) as set-point of its platform, and record how far it moves.
+
+    Then request ACTIVE.
     """
     stream.set("control.active", 0.0)
     held = access.wait_for(lambda: access.listener.state == "HOLD", STEP_WITHIN)

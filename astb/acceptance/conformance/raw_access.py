@@ -57,8 +57,9 @@ class ModbusConnection:
         self._number = 0
 
     def ask(self, function: int, body: bytes, *, unit: int | None = None) -> Answer:
-        """Send a request, and return the answer. Raises LinkLost if no answer arrives, or if it belongs to another
-        request.
+        """Send a request, and return the answer.
+
+        Raises LinkLost if no answer arrives, or if it belongs to another request.
         """
         self._number = (self._number + 1) % 0x1_0000
         unit = self._unit if unit is None else unit
@@ -81,8 +82,9 @@ class ModbusConnection:
         return Answer(0, reply[8:], took)
 
     def read(self, function: int, address: int, count: int) -> Answer:
-        """Read ``count`` registers or bits (functions 1 to 4). The byte count is removed from ``data`` of the
-        answer.
+        """Read ``count`` registers or bits (functions 1 to 4).
+
+        The byte count is removed from ``data`` of the answer.
         """
         answer = self.ask(function, struct.pack(">HH", address, count))
         return answer._replace(data=answer.data[1:])
@@ -195,8 +197,9 @@ class RawAccess:
 
 @contextmanager
 def open_access(rig: "RigFile", path: Path, *, say: Callable[[str], None]) -> Iterator[RawAccess]:
-    """Yield access to ``rig``. A simulated rig in real time is started if it does not answer. Raises LinkLost if no rig
-    answers.
+    """Yield access to ``rig``.
+
+    A simulated rig in real time is started if it does not answer. Raises LinkLost if no rig answers.
     """
     with ExitStack() as stack:
         if rig.time == "virtual":

@@ -75,8 +75,9 @@ def read_report(path: Path) -> Report:
 
 
 def differences(here: Report, there: Report) -> list[Difference]:
-    """Return the differences between two rigs, in the order of the suite. Only tests that ran on both rigs are
-    compared.
+    """Return the differences between two rigs, in the order of the suite.
+
+    Only tests that ran on both rigs are compared.
     """
     others = {(one.group, one.what): one for one in there.findings if one.outcome is not Outcome.SKIPPED}
     found = []

@@ -28,8 +28,9 @@ Courses = Mapping[str, tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]]
 
 
 def furthest(courses: Courses, names: tuple[str, ...]) -> tuple[str, float]:
-    """Return which of ``names`` moves most from the mean of its first `OVER` seconds, and how far (SI). Without data,
-    the name is empty and the distance NaN.
+    """Return which of ``names`` moves most from the mean of its first `OVER` seconds, and how far (SI).
+
+    Without data, the name is empty and the distance NaN.
     """
     name, far = "", float("nan")
     for one in names:

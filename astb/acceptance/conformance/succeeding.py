@@ -49,8 +49,9 @@ def succeed(access: RawAccess) -> list[Notebook]:
 
 
 def _settled(access: RawAccess) -> bool:
-    """Wait while something still moves by itself, for example because the springs are vented. Return whether all is
-    still within `SETTLED_WITHIN`.
+    """Wait while something still moves by itself, for example because the springs are vented.
+
+    Return whether all is still within `SETTLED_WITHIN`.
     """
     deadline = access.clock.now() + round(SETTLED_WITHIN * NS)
     while access.clock.now() < deadline:
@@ -62,8 +63,9 @@ def _settled(access: RawAccess) -> bool:
 
 
 def _arm(access: RawAccess, line: ModbusConnection, stream: Stream, book: Notebook) -> bool:
-    """Bring the bench up with control bits only, and record its motion in HOLD and ACTIVE. Return whether it reached
-    ACTIVE.
+    """Bring the bench up with control bits only, and record its motion in HOLD and ACTIVE.
+
+    Return whether it reached ACTIVE.
     """
     start, steps = access.clock.now(), Notebook(_GROUP)
     access.wait(2 * OVER)

@@ -52,8 +52,9 @@ def comma_in(scales: Sequence[str]) -> bool:
 
 
 def scale_of(where: str, text: str, commas: bool, key: str = "scale") -> float:
-    """Return the number in a cell, 1 for an empty cell. Raises WiringError if the text is not a number, or is
-    ambiguous.
+    """Return the number in a cell, 1 for an empty cell.
+
+    Raises WiringError if the text is not a number, or is ambiguous.
     """
     if not text:
         return 1.0
@@ -141,8 +142,9 @@ def size_units(head: str, sizes: Sequence[tuple[str, int]]) -> set[int]:
 
 
 def sized_type(kind: str, explicit: bool, size: str, units: set[int]) -> str:
-    """Return the data type with its size from the cell ``size``. Raises LeftOut if type and size contradict each other,
-    or if the size is ambiguous.
+    """Return the data type with its size from the cell ``size``.
+
+    Raises LeftOut if type and size contradict each other, or if the size is ambiguous.
     """
     if not size or kind == "bit":
         return kind
@@ -164,8 +166,9 @@ def sized_type(kind: str, explicit: bool, size: str, units: set[int]) -> str:
 
 
 def null_of(text: str, kind: str) -> str:
-    """Return the raw value that marks a missing value, as text for the wiring; "" if the cell states none. Raises
-    LeftOut if the cell is not a number.
+    """Return the raw value that marks a missing value, as text for the wiring; "" if the cell states none.
+
+    Raises LeftOut if the cell is not a number.
     """
     if not text or text.lower() in ("nan", "-"):
         return ""
@@ -184,8 +187,9 @@ def null_of(text: str, kind: str) -> str:
 
 
 def shared_registers(places: Mapping[str, tuple[str, int, int, str]]) -> list[str]:
-    """Return a text on each pair of points on the same register. ``places``: table, address, number of registers and
-    bit, by name.
+    """Return a text on each pair of points on the same register.
+
+    ``places``: table, address, number of registers and bit, by name.
     """
     found = []
     ordered = sorted(places.items(), key=lambda one: one[1][:2])

@@ -78,8 +78,9 @@ class Match(NamedTuple):
 def match(
     signals: Iterable[Signal], points: Sequence[DescribedPoint], *, read_back: bool = False
 ) -> dict[str, Match]:
-    """Return the matching points of each signal, by its name. With ``read_back``, a setting is matched with points that
-    report it, not with points that are written.
+    """Return the matching points of each signal, by its name.
+
+    With ``read_back``, a setting is matched with points that report it, not with points that are written.
     """
     table = {
         signal.name: [(score(signal, point, read_back=read_back), point) for point in points]

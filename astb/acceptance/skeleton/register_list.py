@@ -218,8 +218,9 @@ def _refuse_open(path: Path, lines: Sequence[str], delimiter: str, names: Sequen
 
 
 def _with_bit(where: str, row: _Row) -> _Row:
-    """Return ``row`` with an address such as 40001.3 split into address and bit. Raises WiringError for an impossible
-    bit.
+    """Return ``row`` with an address such as 40001.3 split into address and bit.
+
+    Raises WiringError for an impossible bit.
     """
     address, point, behind = row.address.partition(".")
     if point and re.fullmatch(r"\d{1,2}", behind) and row.bit:

@@ -137,8 +137,9 @@ def _nulls(points: Sequence[DescribedPoint]) -> str:
 
 
 def _line(row: DescribedPoint, written: Mapping[str, Match]) -> str:
-    """Return the line of a point in the wiring. A point that is the source of a reading is polled, even if it is also
-    written.
+    """Return the line of a point in the wiring.
+
+    A point that is the source of a reading is polled, even if it is also written.
     """
     if _POLLED in row.line or all(
         written[name].clear != row for group in _READINGS for name in GROUPS[group]

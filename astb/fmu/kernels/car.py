@@ -35,8 +35,9 @@ class Force(IntEnum):
 
 
 class CarOutput(IntEnum):
-    """Indices of the outputs. The displacements of the springs come first, then their speeds and their
-    accelerations.
+    """Indices of the outputs.
+
+    The displacements of the springs come first, then their speeds and their accelerations.
     """
 
     HEIGHT = 0  #: of the springs, left and right, and their shear

@@ -13,8 +13,9 @@ from bench_sim.parameters.vehicle import load_vehicle
 def unit_of(
     kind: str, model: str | Path = "astb", load_case: str | None = None, vehicle: str | Path = "vehicle"
 ) -> Unit:
-    """Return the FMU of a ``kind`` (``spring``, ``bench`` or ``car``) with these parameter sets. Raises
-    `ParameterError` for an invalid set.
+    """Return the FMU of a ``kind`` (``spring``, ``bench`` or ``car``) with these parameter sets.
+
+    Raises `ParameterError` for an invalid set.
     """
     parameters = load(model, load_case)
     if kind == "car":

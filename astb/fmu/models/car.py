@@ -62,8 +62,9 @@ _PLACE: Final = (
 
 
 def car(parameters: Parameters, vehicle: VehicleParameters) -> Unit:
-    """Return the FMU of half the ``vehicle``. Its mass is the load of springs with these ``parameters`` under nominal
-    preload.
+    """Return the FMU of half the ``vehicle``.
+
+    Its mass is the load of springs with these ``parameters`` under nominal preload.
     """
     record = np.zeros(1, CAR)
     for one in _OWN:

@@ -27,8 +27,9 @@ def defaults_of(parameters: Parameters) -> NDArray[np.float64]:
 
 
 def places_of(*, shims: bool) -> Mapping[str, int]:
-    """Return the indices that ``gas.c`` uses, by their names in C. ``shims`` states whether the preload can change in a
-    simulation.
+    """Return the indices that ``gas.c`` uses, by their names in C.
+
+    ``shims`` states whether the preload can change in a simulation.
     """
     return {
         "ATMOSPHERE": offset(PARAMETERS, "atmospheric_pressure") // 8,
