@@ -8,9 +8,10 @@ from typing import Any
 
 @dataclass
 class Account:
-    """The account of one reading. Errors are not part of it; they are raised with file, place and a valid value.
+    """The account of reading one file: assumptions, and counts of skipped items. Errors are not part of it, because
+    they are raised.
 
-    It accompanies the data: it is printed by a command and stored in the record or finding made from the data.
+    Commands print the account, and a record or finding made from the data stores it.
     """
 
     taken: list[str] = field(default_factory=list)  #: assumptions of the reader where the file is ambiguous
@@ -60,7 +61,7 @@ class Account:
         return [*self.taken, *([f"left out: {self.left_out}"] if self.counts else [])]
 
     def as_meta(self) -> dict[str, Any]:
-        """Return the meta data for a record, under one key; empty without content."""
+        """Return the content for the metadata of a record, under the key "reading"; empty without content."""
         content = {"taken": self.taken, "left_out": self.counts, "quality": self.quality}
         kept = {key: value for key, value in content.items() if value}
         return {"reading": kept} if kept else {}

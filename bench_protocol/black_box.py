@@ -61,7 +61,7 @@ class Incident(NamedTuple):
 
 
 def files_of(incident: Incident) -> dict[int, list[int]]:
-    """Return the registers of all files by number."""
+    """Return the register contents of all files of ``incident``, by file number."""
     text = incident.story.encode()
     words = np.frombuffer(text + bytes(len(text) % 2), ">u2")
     count = incident.samples.shape[1]
@@ -102,7 +102,9 @@ def read_head(read: ReadFile) -> Head:
 
 
 def read_incident(read: ReadFile, at_once: int) -> Incident:
-    """Return the incident in the black box, with ``at_once`` registers a request; its number is 0 if there is none."""
+    """Return the incident in the black box; its number is 0 if there is none. A request reads up to ``at_once``
+    registers.
+    """
     head = read_head(read)
 
     def registers(file: int, first: int, count: int) -> npt.NDArray[np.uint16]:

@@ -39,7 +39,7 @@ _MESSAGE: Final = np.dtype(
         ("count", "<i8"),
         ("protection", "<i8"),
         ("data_id", "<i8"),
-        ("bound", "<i8"),  # 1: the CRC takes the data id exclusive-or the token
+        ("bound", "<i8"),  # 1: the CRC uses the data id exclusive-or the token
         ("token_bit", "<i8"),  # bit of the token, -1 if there is none
         ("counter_bit", "<i8"),
         ("period", "<i8"),
@@ -71,7 +71,7 @@ class Tally(IntEnum):
     REPEATED = 5  #: the same counter again (doubled or echoed frames)
     OUT_OF_SEQUENCE = 6  #: a counter that jumped too far, or back
     STRANGE = 7  #: valid frames of a client that does not hold the lease
-    STRANGE_IDENTIFIER = 8  #: no count: the identifier of the last of them
+    STRANGE_IDENTIFIER = 8  #: not a count, but the identifier of the last such frame
 
 
 #: The token of a decoder that accepts the frames of any commander.
@@ -82,7 +82,7 @@ NOBODY: Final = 0
 
 @dataclass(frozen=True)
 class FrameLayout:
-    """The table compiled into arrays that the kernels read."""
+    """The table of signals as arrays, which the compiled codec reads."""
 
     messages: npt.NDArray[np.void]
     fields: npt.NDArray[np.void]
@@ -182,7 +182,7 @@ def data_word(record: Any) -> Any:
 
 @cached
 def _is_accepted(record: Any, message: Any, token: int, tally: Any) -> bool:
-    """Check CRC and token of one command; one with a valid CRC and another token is counted as foreign."""
+    """Return whether CRC and token of a command are right; count a wrong CRC as corrupt, a wrong token as strange."""
     crc = record["data"][0]
     if message.bound != 0 and token > NOBODY:
         if crc8(record["data"], message.data_id ^ token) == crc:
@@ -204,7 +204,10 @@ def _is_accepted(record: Any, message: Any, token: int, tally: Any) -> bool:
 
 @cached
 def _accept(record: Any, message: Any, row: int, token: int, counters: Any, times: Any, tally: Any) -> bool:
-    """Check the protection of one frame and update its counter; a rejected frame changes nothing."""
+    """Return whether counter, CRC and token of a frame are right, and store its counter.
+
+    A rejected frame changes only ``tally``.
+    """
     if message.protection == _NONE:
         return True
     byte = record["data"][message.counter_bit >> 3]
@@ -214,7 +217,7 @@ def _accept(record: Any, message: Any, row: int, token: int, counters: Any, time
             if advance == 0:
                 tally[Tally.REPEATED] += 1
                 return False
-            # A step of over half a round in less time than half a round takes is a late old frame, not 128 lost ones.
+            # A counter that advances by half of its range in too short a time belongs to a late old frame.
             if advance >= 128 and record.time - times[row] < 128 * message.period:
                 tally[Tally.OUT_OF_SEQUENCE] += 1
                 return False
@@ -333,7 +336,7 @@ class Encoder:
         return np.array([self._table.message_index[name] for name in names], np.int64)
 
     def bind(self, token: int) -> None:
-        """Set the token of frames that carry one in their CRC."""
+        """Set the token of the messages whose CRC includes the token."""
         bound = self.layout.messages["bound"] != 0
         self.layout.messages["data_id"] = np.where(bound, self._data_ids ^ token, self._data_ids)
 

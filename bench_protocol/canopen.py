@@ -29,16 +29,15 @@ SDO_REQUEST_IDENTIFIER: Final = 0x600 + NODE
 HEARTBEAT_BASE: Final = 0x700
 HEARTBEAT_IDENTIFIER: Final = HEARTBEAT_BASE + NODE
 
-#: Heartbeats: what the rig begins with, and the shortest period that the bus has room for (ms).
+#: Heartbeat period of the rig at its start, and the shortest one that the bus load allows (ms).
 HEARTBEAT_MS: Final = 1000
 HEARTBEAT_MS_MIN: Final = 100
-#: The shortest period of SYNC that the bus has room for (µs).
+#: The shortest period of SYNC that the bus load allows (µs).
 SYNC_US_MIN: Final = 10_000
 #: Largest number of heartbeat and SYNC frames in a second.
 SERVICE_RATE_MAX: Final = 1e3 / HEARTBEAT_MS_MIN + 1e6 / SYNC_US_MIN
 
-#: Bits of a COB-ID parameter: of SYNC, that the node produces it; of a TPDO, that no remote frame fetches it, and that
-#: it is not sent at all.
+#: Bits of a COB-ID parameter. SYNC: the node produces it. TPDO: remote frames cannot request it; it is not sent at all.
 SYNC_PRODUCED: Final = 1 << 30
 NO_REMOTE: Final = 1 << 30
 NOT_VALID: Final = 1 << 31

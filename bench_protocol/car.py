@@ -25,14 +25,16 @@ def _no_stop() -> list[float]:
 
 @dataclass(slots=True)
 class MovingCar:
-    """Half a car on one bogie (SI): parameters, loads and motion. A rig has a record of these fields."""
+    """Half a car on one bogie (SI): parameters, loads and motion. The compiled tick of a rig has a record with these
+    fields.
+    """
 
     mass: float = 0.0
     inertia: float = 0.0
     gravity: float = 0.0
-    centre_height: float = 0.0  #: of gravity above the top plates of the springs
+    centre_height: float = 0.0  #: of the centre of gravity above the top plates
     floor_depth: float = 0.0  #: below the centre of gravity, as the other depths
-    wind_height: float = 0.0  #: above it
+    wind_height: float = 0.0  #: above the centre of gravity
     damper_rate: float = 0.0
     damper_depth: float = 0.0
     bump_stop_depth: float = 0.0
@@ -60,11 +62,16 @@ def track_slope(phase: float) -> float:
 
 
 def move_car(car: Any, dt: float) -> None:
-    """Advance a `MovingCar` by ``dt`` s under wind, track and springs: speeds first, then places (symplectic Euler).
+    """Advance a `MovingCar` by ``dt`` s under wind, track and springs: first speeds, then positions (symplectic Euler).
 
-    m ÿ = W + F_y + F_d + F_bs,  m z̈ = F_z,  J φ̈ = M + e F_y + e_d F_d + e_s F_bs − h_w W − K_arb (φ − φ_t) + m g e
-    φ, with damper and bump stop between the car and the track. The stop's force is linear between its points, and
-    beyond.
+    m ÿ = W + F_y + F_d + F_bs
+
+    m z̈ = F_z
+
+    J φ̈ = M + e F_y + e_d F_d + e_s F_bs − h_w W − K_arb (φ − φ_t) + m g e φ
+
+    Damper and bump stop act between the car and the track. The force of the stop is linear between its points, and is
+    extrapolated beyond the last one.
     """
     roll = car.place[2]
     damper = -car.damper_rate * (car.speed[0] - car.track_rate[0] + car.damper_depth * car.speed[2])

@@ -24,7 +24,7 @@ _PR_SET_TIMERSLACK: Final = 29
 _SWITCH_INTERVAL: Final = 0.0005
 _NICE: Final = -10
 _GIVES_WAY: Final = 5
-#: Periodic callbacks are short (a command frame): below a rig's tick, above all computations.
+#: Priority of periodic callbacks, which are short: below the tick of a rig, above all computations.
 _CYCLE_PRIORITY: Final = 5
 
 
@@ -45,7 +45,7 @@ class Clock(Protocol):
         """Return at ``deadline`` (ns of this clock) or at once if it has passed."""
 
     def rest_until(self, first: int, last: int) -> None:
-        """Return at ``first`` (ns). In virtual time, return at ``last``, or earlier if an event occurs."""
+        """Return at ``first`` (ns). Virtual time may pass until ``last`` (ns) as long as no event occurs."""
 
     def every(self, period: int, callback: Callable[[], None]) -> Task:
         """Call ``callback`` every ``period`` ns, the first time one period from now."""
@@ -128,7 +128,9 @@ class VirtualClock:
         self._rest: Callable[[int, int], None] | None = None
 
     def attach(self, advance: Callable[[int], None], rest: Callable[[int, int], None] | None = None) -> None:
-        """Call ``advance(until_ns)``, or ``rest`` where more time may pass, for every interval of time."""
+        """Connect a simulation: call ``advance(until_ns)`` for every interval of time, or ``rest`` if more time may
+        pass.
+        """
         self._worlds.append(advance)
         self._rest = rest if len(self._worlds) == 1 else None
 
@@ -161,7 +163,7 @@ class VirtualClock:
         self.sleep_until(self._now)  # runs the events that are due now
 
     def reach(self, instant: int) -> None:
-        """Set the time; for the simulation, which passes several instants in one call."""
+        """Set the time to ``instant`` (ns). A simulation calls it if it passes several instants in one call."""
         self._now = max(self._now, instant)
 
     def every(self, period: int, callback: Callable[[], None]) -> Task:
@@ -205,7 +207,7 @@ def hurry(priority: int) -> None:
     """Reduce the wake-up latency of this thread as far as the machine permits.
 
     1 ns of timer slack, which needs no privilege, reduces the median lateness from 78 to 27 µs. Real-time scheduling
-    with ``priority`` (1 to 99) keeps it under load, if the user has the permission. Without either it does nothing.
+    with ``priority`` (1 to 99) keeps the lateness low under load, if the user has the permission.
     """
     _prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
     with contextlib.suppress(OSError, AttributeError):

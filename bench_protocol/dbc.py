@@ -47,7 +47,7 @@ class Described:
 
     @property
     def key(self) -> tuple[int, bool]:
-        """The key of its frames: identifier, or group with J1939, and whether that has 29 bits."""
+        """The key of its frames: the identifier (with J1939 the group), and whether identifiers have 29 bits."""
         identifier = self.coding.frame_id
         return (j1939.group_of(identifier) if self.j1939 else identifier), bool(self.coding.is_extended_frame)
 
@@ -77,7 +77,8 @@ class Dbc:
     def of(self, identifier: int, extended: bool) -> Described | None:
         """Return the message of frames with an identifier; None if the file has none.
 
-        J1939 messages are found by the group, for any priority and addresses. Raises DbcError if there are two.
+        J1939 messages are found by the group, for any priority and addresses. Raises DbcError if two messages have the
+        identifier.
         """
         found = self._exact.get((identifier, extended), [])
         if len(found) > 1:
@@ -96,14 +97,15 @@ _ONE_OF_THEM: Final = "remove one of them from the file"
 def read_dbc(path: Path, charset: str | None = None) -> Dbc:
     """Return the messages of a file, each checked only when it is used. Raises DbcError for a file that cannot be read.
 
-    Without ``charset`` a byte order mark decides, then UTF-8 if all of the file is, else cp1252.
+    Without ``charset``, a byte order mark states the encoding. Without a mark it is UTF-8 if the file is valid UTF-8,
+    else cp1252.
     """
     with file_errors(path, DbcError):
         check_dbc(path)
         text, found = _decoded(path, path.read_bytes(), charset)
     logging.getLogger("cantools").setLevel(
         logging.ERROR
-    )  # it reports of names that come twice; so do we, to a person
+    )  # cantools warns of repeated names, which are handled below
     try:
         base = cantools.database.load_string(
             text, database_format="dbc" if path.suffix.lower() == _DBC else None, strict=False
@@ -130,7 +132,9 @@ def read_dbc(path: Path, charset: str | None = None) -> Dbc:
 
 
 def _own_name(coding: Coding, twice: bool, messages: Mapping[str, Described]) -> str | None:
-    """Return the name of a message here; None if it is an identical repetition."""
+    """Return a unique name for a message, with its identifier if several have its name; None for an identical
+    repetition.
+    """
     name = f"{coding.name}_{coding.frame_id:#x}" if twice else coding.name
     count = 1
     while name in messages:

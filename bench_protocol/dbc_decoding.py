@@ -1,4 +1,4 @@
-"""The values in frames of a message that a DBC describes, and reasons for missing ones."""
+"""Decoding of the frames of a message that a DBC describes, and reasons for missing values."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Decoding:
     def __init__(self, message: Described) -> None:
         self.message = message
         self.signals = {signal.name: signal for signal in message.coding.signals}
-        # cantools takes signals that share bits for neighbours, and finds wrong numbers: each is decoded by itself.
+        # cantools decodes signals that share bits wrongly, so each of them is decoded alone.
         self._parts = list(_single_signal_codings(message.coding)) if message.unsound else [message.coding]
         #: The raw values of each signal that the DBC names as no value, with their names; may be changed.
         self.no_value = {name: codes for name, one in self.signals.items() if (codes := no_value_codes(one))}

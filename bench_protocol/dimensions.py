@@ -67,7 +67,7 @@ LOAD_CELLS: Final = (
     *BY_GROUP[Group.LATERAL_LOAD_CELL],
     *(signal.name for signal in FURTHER),
 )
-#: Axes of both: ahead, to the left and up. Places are relative to the middle of the platform top.
+#: Components of a place or direction: ahead, to the left and up. Places are relative to the middle of the platform top.
 WAYS: Final = ("ahead", "across", "up")
 #: Table ``lag``: first-order lag of the readings of a transducer (s).
 LAGS: Final = (
@@ -94,7 +94,7 @@ class DimensionsError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Dimension:
-    """A value (SI) with the half-width of its uncertainty, uniformly distributed."""
+    """A value (SI) and its uncertainty: the half-width of a uniform distribution."""
 
     value: float
     uncertainty: float
@@ -104,7 +104,9 @@ class Dimension:
 
 @dataclass(frozen=True, slots=True)
 class Dimensions:
-    """The known dimensions of a rig, by name: ``bolster_mass``, `across` and `lag` of a place or a signal."""
+    """The known dimensions of a rig by name: ``bolster_mass`` and others, and the names that `across`, `place`,
+    `direction` and `lag` return.
+    """
 
     file: str = ""
     sha256: str = ""
@@ -141,7 +143,9 @@ class Dimensions:
 
 
 def across(what: str) -> str:
-    """Return the name of the distance of a transducer or actuator to the left of the middle (m)."""
+    """Return the name of a dimension: the distance (m) of a transducer or actuator from the middle, positive to the
+    left.
+    """
     return f"{what} across"
 
 

@@ -6,7 +6,7 @@ Layout of a protected frame::
     byte 1   low half: alive counter 0..14; high half: first bits of the data
     byte 2+  data
 
-A rejected frame never moves the checker's counter.
+A rejected frame never changes the counter of the receiver.
 """
 
 from typing import Final
@@ -51,13 +51,13 @@ def counter_step(received: int, last: int) -> int:
 
 @cached
 def token_mark(token: int) -> int:
-    """Return the change (exclusive-or) of the CRC of any frame when ``token`` is combined with its data id by
-    exclusive-or.
+    """Return the bits of the CRC that change if ``token`` is combined with the data id by exclusive-or. They are the
+    same for all frames.
     """
     return crc8(np.zeros(8, np.uint8), token)
 
 
-#: The same for callers in Python, compiled before anybody asks: a rig that compiles when a commander takes the lease
-#: answers him too late.
+#: The same functions for Python, compiled at import: compiling them when a commander takes the lease would delay the
+#: answer too much.
 crc_of: Final = bind(crc8, np.zeros(8, np.uint8), 0)
 mark_of: Final = bind(token_mark, 0)

@@ -42,7 +42,9 @@ def read_entry(
     shapes: Collection[Sequence[str]] = (VALUE,),
     units: Mapping[str, Unit] = UNITS,
 ) -> FileEntry:
-    """Return an entry in a unit of ``si``; besides unit and origin it has the parts of one of the ``shapes``.
+    """Return the entry ``raw``, whose unit must be one of ``si``.
+
+    It must have the keys unit, provenance and source, and the keys of one of the ``shapes``.
 
     Without ``si`` any unit is accepted. Raises EntryError for any other entry.
     """

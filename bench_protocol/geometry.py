@@ -41,7 +41,7 @@ STILL: Final = Springs(0.0, 0.0, 0.0)
 
 
 def column_of(rig: Rig, cell: str) -> tuple[float, ...]:
-    """Return force and moment on the bolster for one newton on a ``cell``: its column of the wrench.
+    """Return the force and the moment on the bolster for one newton on a ``cell``, as six numbers (1, 1, 1, m, m, m).
 
     Axes: x ahead, y to the left, z up, through the middle between the springs' top plates. About this point, the
     reaction of the springs to a shear has no moment: w = Σ (d_k, r_k × d_k) f_k; moments per force in m.
@@ -64,7 +64,7 @@ def setpoints_of(at: SpringPose, rig: Rig, springs: Springs = STILL) -> dict[str
     """Return the set-points of bolster and platform for a pose of the springs, by their names.
 
     They are relative to the level position and linear in the pose. Frame and oil between piston and bolster are
-    compliant; the set-points compensate for the change of load in ``springs``.
+    compliant, so the set-points also compensate for the deflection by the change of load ``springs``.
     """
     share = (rig["stop_gap"] - STOP_ROOM) / SHEAR_MAX
     platform = ((1.0 - share) * at.shear - rig["centre_height"] * at.roll) / (

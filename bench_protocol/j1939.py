@@ -8,7 +8,7 @@ from typing import Final, Literal
 from bench_protocol.account import Account
 
 _PDU1_MAX: Final = 0xEF  #: up to this format the next byte is an address, not a part of the group's number
-#: The source address of a description that is anybody's.
+#: Source address in a description of a message that any node may send.
 NOBODY: Final = 0xFE
 _WHOLE_BYTES: Final = (8, 16, 24, 32)
 
@@ -86,7 +86,7 @@ class Reassembly:
             )
             return None
         message.last = time
-        message.packets[data[0]] = data[1:8]  # one that is requested again takes the place of the first
+        message.packets[data[0]] = data[1:8]  # a repeated packet replaces the first one
         if len(message.packets) < message.count:
             return None
         del self._open[key]

@@ -99,7 +99,9 @@ _SAID: Final = (Kind.SETPOINT, Kind.SETTING, Kind.ACTION, Kind.INTERLOCK)
 
 
 def _by_signal(places: Places) -> dict[str, dict[str, str]]:
-    """Return the places of each signal; the coding of a field is that of its message."""
+    """Return the places of each signal, with its coding in each. The coding of a CAN field includes that of its
+    message.
+    """
     found: dict[str, dict[str, str]] = {}
     for place, content in places.items():
         space, where, *rest = place.split()
@@ -116,7 +118,7 @@ def _by_signal(places: Places) -> dict[str, dict[str, str]]:
 
 
 def _move(here: Places, there: Places) -> str:
-    """Return the old and new places of a signal as text; "" if they differ at most in the choices."""
+    """Return as text the places of a signal here and on the rig; "" if they are equal, apart from choices."""
     left = [place for place in here if place not in there and not _is_choice(place)]
     come = [place for place in there if place not in here and not _is_choice(place)]
     if not left and not come:

@@ -37,7 +37,7 @@ def map_registers(table: Table) -> list[int]:
 
 
 def read_places(read: ReadFile, at_once: int, map_hash: int) -> dict[str, str]:
-    """Return the places that a rig reports, with ``at_once`` registers a request.
+    """Return the places that a rig reports. A request reads up to ``at_once`` registers.
 
     Raises ValueError if the format is unknown, the data are corrupt, or their hash is not ``map_hash``.
     """
@@ -69,7 +69,7 @@ def _lines(text: str) -> dict[str, str]:
 
 
 def sequences(places: Mapping[str, str]) -> list[int]:
-    """Return the input registers that have a block's sequence number."""
+    """Return the addresses of the input registers that have the sequence number of a block."""
     return [
         int(place.split()[1])
         for place, content in places.items()

@@ -13,7 +13,7 @@ FRAME_BITS: Final = 64
 FIELD_BITS_MAX: Final = 53
 #: The signal with the token of the commander, which the rig generated with the lease.
 TOKEN: Final = "control.token"
-#: Published as `rig.lease` while the token is known to the holder's Modbus connection alone. No token has this value.
+#: Value of `rig.lease` as long as only the Modbus connection of the holder knows the token. No token has this value.
 HIDDEN_TOKEN: Final = 0xFFFF
 #: Names that a DBC file allows for a message.
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,31}")
@@ -75,7 +75,7 @@ class Message:
     protection: Protection
     description: str
     data_id: int = 0  #: for E2E
-    bound: bool = False  #: its CRC takes the data id exclusive-or the token: it has no room for `TOKEN`
+    bound: bool = False  #: its CRC uses the data id exclusive-or the token; it has no field for `TOKEN`
 
     def __post_init__(self) -> None:
         if not _NAME.fullmatch(self.name):

@@ -62,7 +62,10 @@ def converted(content: Any, kind: type[T]) -> T:
 
 
 def _removed(content: Any, way: Sequence[str]) -> bool:
-    """Remove a key and its value from nested tables; not from lists, because that would renumber the other items."""
+    """Remove a key and its value from nested tables; return whether that was possible.
+
+    Items of lists are not removed, because the other items would get other numbers.
+    """
     for key in way[:-1]:
         content = content.get(key) if isinstance(content, dict) else None
     if not way or not isinstance(content, dict) or way[-1] not in content:
@@ -116,7 +119,7 @@ def _within(step: re.Match[str], value: Any, form: Any) -> tuple[str, Any, Any]:
 
 
 def _bare(form: Any, value: Any) -> Any:
-    """Return the expected type without annotations; of a union, the member that the value was meant for."""
+    """Return the expected type without annotations; for a union, the member of the same kind as ``value``."""
     while get_origin(form) is Annotated:
         form = get_args(form)[0]
     if get_origin(form) in (Union, UnionType):

@@ -42,7 +42,7 @@ BITS_WRITE_MAX: Final = 1968
 PDU_MAX: Final = 253
 ADU_MAX: Final = 260
 
-#: On TCP 0 and 255 mean "the device at this address itself"; 1 is what most clients send unasked.
+#: On TCP 0 and 255 mean "the device at this address itself"; most clients send 1 by default.
 OWN_UNITS: Final = frozenset({0, 1, 255})
 
 _HEADER: Final = struct.Struct(">HHHB")
@@ -99,7 +99,7 @@ class Bank(Protocol):
 
 
 class AduStream:
-    """Splits the byte stream of one connection into ADUs, pipelined or split anywhere; stores at most one ADU."""
+    """Splits the byte stream of one connection into ADUs, which may arrive together or in parts; stores at most one."""
 
     def __init__(self) -> None:
         self._rest = b""
@@ -112,8 +112,8 @@ class AduStream:
     def feed(self, data: bytes) -> list[bytes]:
         """Return the ADUs completed by ``data``, header included.
 
-        Raises FramingError on a wrong header, but not before the preceding ADUs have been returned: the error is then
-        raised by the next call.
+        Raises FramingError on a wrong header. If complete ADUs precede it, they are returned, and the next call raises
+        the error.
         """
         data = self._rest + data
         adus: list[bytes] = []
@@ -301,7 +301,9 @@ def _read_file(body: bytes, bank: Bank) -> bytes:
 
 
 def _identification(body: bytes, bank: Bank) -> bytes:
-    """Read device identification (section 6.21), in as many answers as the objects need."""
+    """Read device identification (section 6.21): as many objects as fit into one answer, and the number of the next
+    one.
+    """
     if not body or body[0] != _MEI_IDENTIFICATION:
         raise ModbusError(ILLEGAL_FUNCTION)
     if len(body) != 3:

@@ -96,7 +96,7 @@ def label(path: Path) -> str:
 def read_named(
     kind: str, name: str | Path, home: Path, refused: type[ValueError]
 ) -> tuple[Path, str, dict[str, Any]]:
-    """Return the path of the file of a name or a path, the SHA-256 of its bytes, and its tables.
+    """Read the file with a name or path; return its path, the SHA-256 of its bytes, and its tables.
 
     Raises ``refused``, with the file and a remedy, if it cannot be read or is not TOML.
     """

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from cantools.database.can import Signal
 
-#: Names that mean "no value" of any signal, a state too.
+#: Names that mean "no value" for any signal, also for a state.
 _NO_VALUE: Final = re.compile(
     r"\b(sna|not avail\w*|n a|na|nv|unavailable|no (value|data|signal)|not (valid|defined)|invalid|undefined|"
     r"(nicht|un) ?(verf(ü|ue)gbar|g(ü|ue)ltig|definiert|vorhanden)|ung(ü|ue)ltig|kein(e)? (wert|daten|signal))\b"
 )
-#: Names that mean it of a number; of a state they are one of its states.
+#: Names that mean "no value" for a number. For a state, such a name is one of its states.
 _ERROR: Final = re.compile(
     r"\b(err|errors?|faults?|failures?|failed|defect\w*|fehler\w*|defekt\w*|implausib\w*|unplausib\w*|neutralwert|"
     r"neutral value|init\w*|out of range|overrange|underrange|(short|open) circuit|kurzschluss|unterbrechung)\b"
 )
 _NONE: Final = re.compile(r"\b(no|not|kein(e|er)?|ohne|without|free)\b|fehlerfrei")
-#: The codes at an end of a scale are one part in this number of it.
+#: The end of a scale is this part of its codes: one sixteenth.
 _END: Final = 16
 #: A signal without a unit counts as a number only with at least this many bits.
 _NUMBER_BITS: Final = 8

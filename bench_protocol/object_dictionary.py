@@ -39,7 +39,7 @@ REFUSED, TOKEN_OBJECT = 0x2000, 0x2001
 ERRORS_KEPT: Final = 8
 #: Sub-indices of a PDO's communication parameters.
 PDO_COB_ID, TRANSMISSION_TYPE = 1, 2
-#: Sub-indices of a PDO's own bits, behind whatever fields it may get.
+#: Sub-indices of the bits of a PDO that are not fields. They are high, so that fields can be added.
 SPARE_SUB, CRC_SUB, COUNTER_SUB = 0xFC, 0xFD, 0xFE
 _BASES: Final = {
     Kind.MEASUREMENT: READING_OBJECTS,

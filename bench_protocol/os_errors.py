@@ -29,7 +29,7 @@ _REMEDIES: Final = MappingProxyType(
 
 
 def error_text(error: BaseException) -> str:
-    """Return an error as text that is not empty; of an error of the operating system without number and path."""
+    """Return an error as text, which is never empty; for an error of the operating system without number and path."""
     return str(getattr(error, "strerror", None) or str(error) or type(error).__name__)
 
 

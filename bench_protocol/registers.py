@@ -42,7 +42,7 @@ ACTIVE_BLOCK: Final = 400
 
 
 class Block(NamedTuple):
-    """Readings for one request of 125 registers, including the sequence numbers at both ends."""
+    """A block of readings that one request of 125 registers can read, with the sequence numbers at both ends."""
 
     numbers: range
     floats: int  #: address of the first
@@ -65,7 +65,7 @@ class Block(NamedTuple):
         return (opening, max(found)) if opening in found and max(found) > opening else None
 
 
-#: Drivers from before the second block look for the end of the first up to its scaled twins.
+#: Older drivers know only the first block, and search for its end up to its scaled twins.
 BLOCKS: Final = (
     Block(range(61), FLOAT_BLOCK, SCALED_BLOCK),
     Block(range(62, 123), FLOAT_BLOCK + 1000, SCALED_BLOCK + 1000),
@@ -155,9 +155,9 @@ def twin_address(signal: Signal) -> int:
 
 
 def free_address(signals: Iterable[Signal]) -> int:
-    """Return the address for the next reading and further ones. Raises ValueError if there is none left.
+    """Return the input register for the float of the next new reading. Raises ValueError if none is left.
 
-    It is two behind the register of the present last sequence number of its block, which remains.
+    It is two registers after the present last sequence number of its block, which stays in its place.
     """
     taken = [reading_number(signal) for signal in signals if signal.kind in READINGS]
     for block in BLOCKS:

@@ -7,7 +7,7 @@ from bench_protocol.signals import Kind
 from bench_protocol.table import TABLE
 from bench_protocol.words import SIDES
 
-#: Parts fitted by hand do not change at rest, nor do the settings that describe them.
+#: Parts that are fitted by hand, and the settings that describe them, do not change at rest.
 FITTED: Final = ("rig.nominal_preload", "rig.orifice_diameter", "rig.pipe")
 #: Valves between chambers: they move no air while the bench holds, and return with the safe position.
 CONNECTING: Final = (*(f"air.{side}_reservoir" for side in SIDES), "air.dpv")

@@ -53,7 +53,7 @@ _ABORT: Final = struct.Struct("<BHBI")
 _FRAME_BYTES: Final = 8
 _EXPEDITED_MAX: Final = 4
 _SEGMENT_MAX: Final = 7
-#: Nothing in the dictionary that can be written is longer.
+#: Bytes; no writable entry of the dictionary is longer.
 _DOWNLOAD_MAX: Final = 64
 
 
@@ -67,7 +67,7 @@ class _Request(IntEnum):
     ABORT = 4
 
 
-# The same bits of a response, in their place.
+# The same bits in the first byte of a response, shifted to their place.
 _SEGMENT_UPLOADED, _SEGMENT_DOWNLOADED, _UPLOADING, _DOWNLOADING, _ABORTED = (k << 5 for k in range(5))
 _TOGGLE: Final = 0x10
 _LAST: Final = 0x01
@@ -92,7 +92,7 @@ class _Transfer:
 
 
 class SdoServer:
-    """Answers one client from ``objects``."""
+    """Answers the requests of one client with the values of ``objects``."""
 
     def __init__(self, objects: ObjectAccess) -> None:
         self._objects = objects

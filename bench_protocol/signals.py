@@ -16,7 +16,7 @@ _NAME: Final = re.compile(r"[a-z][a-z0-9_]*\.[a-z0-9_]+")
 
 
 class Kind(StrEnum):
-    """The writer of a signal, and its transport."""
+    """The kind of a signal: who writes it, and where it is transmitted."""
 
     MEASUREMENT = "measurement"  #: a sensor of the rig: CAN and Modbus input registers
     STATUS = "status"  #: state of the rig: CAN and Modbus input registers
@@ -101,7 +101,7 @@ class Signal:
         return f"{in_unit(value, self.unit):g}{unit}"
 
     def reads(self, value: float) -> str:
-        """Return a position on its scale (SI) as text, rounded to its step; temperatures in °C."""
+        """Return ``value`` (SI, not a difference) as text, rounded to the step of the signal; temperatures in °C."""
         if self.choices or self.unit == "1":
             return self.show(value)
         unit = "degC" if self.unit == "K" else self.unit
@@ -110,14 +110,14 @@ class Signal:
         return f"{(value - zero) / factor:.{decimals}f} {'°C' if unit == 'degC' else unit}"
 
     def range_text(self) -> str:
-        """Return the range that the wire carries, in the signal's unit."""
+        """Return the range of the signal in the messages as text, in its display unit."""
         if self.choices:
             return " | ".join(self.choices)
         unit = "" if self.unit == "1" else f" {self.unit}"
         return f"{in_unit(self.low, self.unit):g} to {in_unit(self.high, self.unit):g}{unit}"
 
     def check(self, value: float) -> float:
-        """Return ``value`` if the wire can carry it. Raises ValueError, with value, unit and range, if not."""
+        """Return ``value`` (SI) if it fits in the messages. Raises ValueError, with value, unit and range, if not."""
         if not self.low <= value <= self.high:
             raise ValueError(
                 f"{self.name} = {self.show(value)} does not fit in the messages; use {self.range_text()}"

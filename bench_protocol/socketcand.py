@@ -117,7 +117,7 @@ class Parser:
         return events
 
     def _usual(self, matches: list[tuple[bytes, ...]], events: list[Event]) -> None:
-        """Append the frames of the regular expression's matches, one block per run of equal kind."""
+        """Append the frames that the regular expression found; adjacent frames of one kind form one block."""
         records: list[bytes] = []
         kind: type[Received] | type[Sent] = Received
         pack, from_hex = _RECORD.pack, bytes.fromhex

@@ -14,7 +14,10 @@ from bench_protocol.wires import Table
 
 
 def _complete(table: Table) -> Table:
-    """Return ``table``. Raises ValueError for a sensor or set-point without a CAN message, or a rate of no message."""
+    """Return ``table`` after a check.
+
+    Raises ValueError for a sensor or set-point without a CAN message, and for a message with a rate not in `RATES`.
+    """
     for message in table.messages:
         if message.rate not in (0.0, *RATES):
             rates = ", ".join(f"{rate:g}" for rate in RATES)

@@ -13,7 +13,7 @@ Ends = tuple[float, float]  #: lower and upper end (SI)
 class SensorRow:
     """The common properties of all sensors of a group (SI); properties that all packages need have no default.
 
-    The parameters of the simulated sensors are taken from here, and values that a file of instruments lacks.
+    The simulated sensors use these values. They also replace values that a file of instruments lacks.
     """
 
     name: str  #: of the group, in parameter files

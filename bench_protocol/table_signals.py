@@ -383,7 +383,7 @@ FURTHER: Final = tuple(
     for number in (7, 8)
 )
 
-#: The pressures and temperatures of the chambers, and other readings of every sensor of a group, by group.
+#: The names of the measurements of each group.
 BY_GROUP: Final = {group: tuple(row.name for row in MEASUREMENTS if row.group is group) for group in Group}
 PRESSURES: Final = BY_GROUP[Group.PRESSURE]
 

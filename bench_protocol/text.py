@@ -24,7 +24,7 @@ class Unfit(ValueError):
 
 
 def decode(content: bytes, encoding: str = "") -> tuple[str, str]:
-    """Return the text of a file without its mark, and the name of its encoding, which ``encoding`` fixes.
+    """Return the text of a file without its mark, and the name of its encoding: ``encoding``, if given.
 
     Without a mark the text is UTF-16 if every second byte of Latin letters is 0. Otherwise it is UTF-8 if valid, or
     else cp1252. Raises Unfit, to follow the file's name, for an unknown encoding and for content that is not text.
@@ -49,7 +49,7 @@ def decode(content: bytes, encoding: str = "") -> tuple[str, str]:
 def _by_name(content: bytes, encoding: str) -> str:
     try:
         known = codecs.lookup(encoding).name
-        "".encode(encoding)  # there are codecs that make no text of bytes, such as "zip"
+        "".encode(encoding)  # some codecs, such as "zip", do not encode text
     except (LookupError, ValueError):
         raise Unfit(
             f'cannot be read: encoding = "{encoding}" is unknown; use one such as "utf-8", "utf-16" or "cp1252"'
@@ -85,8 +85,8 @@ def _strictly(content: bytes, encoding: str) -> str:
 
 
 def only_utf_8(content: bytes) -> str:
-    """Return a text that must be UTF-8, with or without a mark. Raises Unfit, with line and likely encoding, for
-    another one.
+    """Return ``content`` as text, which must be UTF-8, with or without a mark. Raises Unfit, with line and likely
+    encoding, for any other content.
     """
     text, name = decode(content)
     if name == UTF_8:

@@ -103,7 +103,9 @@ class Table:
         return tuple(signal for signal in self.signals if signal.kind in kinds)
 
     def tripped(self, value: float) -> Signal | None:
-        """Return the reading of the number in ``rig.tripped``; None for 0, NaN and unknown numbers."""
+        """Return the reading whose number is ``value``, a value of ``rig.tripped``; None for 0, NaN and unknown
+        numbers.
+        """
         return self._by_number.get(int(value) - 1) if value >= 1 else None
 
     def trip_number(self, name: str) -> int:
@@ -118,7 +120,7 @@ class Table:
 
     @cached_property
     def places(self) -> dict[str, str]:
-        """Return the place and coding of each signal on the wires, which must be equal in rig and drivers.  These are
+        """Return the place and coding of each signal on the wires, which must be equal in rig and drivers. They are
         names, bits, steps, addresses, encodings, protection, rates and the numbers of choices. The order of rows,
         descriptions, ranges and display units are not included.
         """
@@ -158,7 +160,9 @@ def hash_of(places: Mapping[str, str]) -> int:
 
 
 def moved(kept: Mapping[str, str], table: Table) -> list[str]:
-    """Return texts on the ``kept`` places that ``table`` has moved, changed or removed; additions are no change."""
+    """Return a text for each of the ``kept`` places that is different or missing in ``table``. New places are allowed,
+    and give no text.
+    """
     places = table.places
     return [
         f"{place} was “{content}” and is now {f'“{places[place]}”' if place in places else 'empty'}"

@@ -116,7 +116,7 @@ REASONS_OF_THE_LINK: Final = tuple(
     for reason in (Reason.COMMAND_LATE, Reason.COMMAND_LOST, Reason.DISCONNECTED, Reason.HEARTBEAT_LOST)
 )
 
-#: State of the air of the springs, whatever is ordered.
+#: State of the air in the springs: let off or shut in by the rig, or as the commander orders.
 AirFate = Literal["let off", "shut in", "as ordered"]
 #: By state: in a safe position both springs are open to the atmosphere, in a holding fault all valves stay shut.
 AIR_BY_STATE: Final[dict[str, AirFate]] = {

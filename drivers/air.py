@@ -12,7 +12,7 @@ from drivers.errors import BenchTimeout, Misuse
 
 #: The rig's controller and the reading use two transducers, whose zeros may differ by tens of mbar.
 PRESSURE_TOLERANCE: Final = 60 * mbar
-#: A smaller decrease is noise, or is compensated by air that warms up.
+#: A smaller decrease of a pressure does not count, because it may be noise.
 PRESSURE_FALLS: Final = 5 * mbar
 #: Time without a decrease after which a pressure is regarded as constant.
 STUCK: Final = 20 * s
@@ -39,10 +39,11 @@ class Air(Device):
         within: float = 2 * minutes,
         tolerance: float = PRESSURE_TOLERANCE,
     ) -> None:
-        """Fill both springs ``to`` a pressure (Pa gauge), or ``left`` and ``right``; wait until it is reached.
+        """Fill the springs to a pressure (Pa gauge) and wait until it is reached.
 
-        A side without a target keeps its valve positions. The rig continues filling until the next order. Air reaches
-        a bellows only through its auxiliary chamber. Raises Misuse if that is isolated.
+        ``to`` is for both springs, ``left`` and ``right`` are for one spring each. A spring without a pressure keeps
+        its valve positions. The rig continues filling until the next order. Air reaches a bellows only through its
+        auxiliary chamber. Raises Misuse if this chamber is shut off.
         """
         targets = self._targets("fill", to, left, right)
         self._order("fill", targets)
@@ -62,11 +63,12 @@ class Air(Device):
         within: float = 2 * minutes,
         tolerance: float = PRESSURE_TOLERANCE,
     ) -> None:
-        """Vent both springs ``to`` a pressure (Pa gauge), or one side; wait until it is reached.
+        """Vent the springs to a pressure (Pa gauge) and wait until it is reached.
 
-        Air leaves a bellows only through its auxiliary chamber. Raises Misuse if that is isolated, and BenchTimeout if
-        the pressure stays constant above its target. The spring also counts as vented if its connected auxiliary
-        chamber has reached the target. The transducer of the bellows then has a zero error.
+        ``to`` is for both springs, ``left`` and ``right`` are for one spring each. Air leaves a bellows only through
+        its auxiliary chamber. Raises Misuse if this chamber is shut off, and BenchTimeout after ``within`` s. A spring
+        also counts as vented if its bellows pressure stays constant and its auxiliary chamber has reached the target.
+        The bellows transducer then has a zero error.
         """
         targets = self._targets("vent", to if left is None and right is None else None, left, right)
         self._order("vent", targets)

@@ -29,8 +29,8 @@ class VerticalActuator(Device):
 
 
 class ControlMode(ChoiceSetting):
-    """The control mode of an axis. Before a new mode takes effect, the set-points become the measured values. So the
-    axis does not jump.
+    """The control mode of an axis. Before a change, the set-points of the new mode are set to the measured values, so
+    that the axis does not jump.
     """
 
     def set(self, link: Link, name: str, value: str) -> None:
@@ -58,9 +58,11 @@ class Vertical(Device):
         within: float = 2 * minutes,
         tolerance: float = FORCE_TOLERANCE,
     ) -> None:
-        """Press with ``left`` and ``right`` (N, downward): force control, ramps of ``rate`` (N/s).
+        """Press with the forces ``left`` and ``right`` (N, downward) in force control, and wait until they are
+        measured.
 
-        Raises BenchTimeout if the forces are not within ``tolerance`` after ``within`` s.
+        The set-points move along ramps of ``rate`` (N/s). Raises BenchTimeout if the forces are not within
+        ``tolerance`` (N) after ``within`` s.
         """
         _mode(self, "force")
         targets = {"vertical_left.force": left, "vertical_right.force": right}
@@ -75,7 +77,7 @@ class Vertical(Device):
         within: float | None = None,
         tolerance: float = DISPLACEMENT_TOLERANCE,
     ) -> None:
-        """Move the two sides to ``left`` and ``right`` (m) with ``rate`` (m/s) in displacement control."""
+        """Move both actuators to ``left`` and ``right`` (m) with ``rate`` (m/s); wait until they are there."""
         _mode(self, "displacement")
         targets = {"vertical_left.displacement": left, "vertical_right.displacement": right}
         _move(self._link, targets, rate, within, dict.fromkeys(targets, tolerance))
@@ -104,7 +106,7 @@ class Lateral(Device):
         within: float | None = None,
         tolerance: float = DISPLACEMENT_TOLERANCE,
     ) -> None:
-        """Move to ``displacement`` (m) with ``rate`` (m/s) in displacement control; wait until it is measured."""
+        """Move to ``displacement`` (m) with ``rate`` (m/s), in displacement control; wait until it is measured."""
         _mode(self, "displacement")
         name = "lateral.displacement"
         _move(self._link, {name: displacement}, rate, within, {name: tolerance})
@@ -117,7 +119,7 @@ class Lateral(Device):
         within: float | None = None,
         tolerance: float = FORCE_TOLERANCE,
     ) -> None:
-        """Move to ``force`` (N) with ``rate`` (N/s) in force control; wait until it is measured."""
+        """Push with ``force`` (N), along a ramp of ``rate`` (N/s), in force control; wait until it is measured."""
         _mode(self, "force")
         _move(self._link, {"lateral.force": force}, rate, within, {"lateral.force": tolerance})
 
@@ -127,7 +129,7 @@ class Lateral(Device):
 
 
 class Platform(Device):
-    """The vibration platform: ``bench.platform``; up, left, left side up."""
+    """The vibration platform: ``bench.platform``. Positive is up, to the left, and left side up."""
 
     __slots__ = ()
     vertical = Reading()  #: m
@@ -147,7 +149,11 @@ class Platform(Device):
         roll_rate: float = 10 * mrad / s,
         within: float | None = None,
     ) -> None:
-        """Move the named axes (m, m, rad) with ``rate`` (m/s) and ``roll_rate`` (rad/s). The others do not move."""
+        """Move the given axes to their positions (m, m, rad), and wait until they are there.
+
+        Displacements move with ``rate`` (m/s), the roll with ``roll_rate`` (rad/s). An axis without a position does not
+        move.
+        """
         straight = {"platform.vertical": vertical, "platform.lateral": lateral}
         lengths = {name: to for name, to in straight.items() if to is not None}
         angles = {"platform.roll": roll} if roll is not None else {}
@@ -164,7 +170,7 @@ def _mode(device: Vertical | Lateral, mode: Mode) -> None:
 
 
 def _start(link: Link, targets: dict[str, float], rate: float) -> float:
-    """Start ramps of the set-points of the readings ``targets``; return their duration (s)."""
+    """Start ramps of the set-points that belong to the readings in ``targets``; return the longest duration (s)."""
     return link.commander.ramp_all({f"{name}_setpoint": to for name, to in targets.items()}, rate)
 
 

@@ -34,7 +34,7 @@ from drivers.settings import UNKNOWN
 from drivers.waveform import Waveform
 from drivers.wiring.contract import NO_WATCHDOG, Order, Step, Wiring
 
-#: Readings that have their own set-point in addition to the control mode.
+#: Readings with a set-point: forces and displacements of the actuators, positions of the platform.
 _COMMANDED: Final = (
     *(f"{actuator}.{mode}" for actuator in ACTUATORS for mode in ("force", "displacement")),
     *(f"platform.{axis}" for axis in PLATFORM_AXES),
@@ -42,7 +42,7 @@ _COMMANDED: Final = (
 
 
 class Bench(Link):
-    """A test bench. It opens and closes the wiring of its rig.
+    """A test bench with all its devices, connected to a rig by a wiring.
 
     Use it as a context manager, or call :meth:`connect` and :meth:`close`. All devices exist on any rig; access to a
     signal that the rig lacks raises an error with the reason.
@@ -115,7 +115,7 @@ class Bench(Link):
     def connect(self, within: float = 2 * s) -> None:
         """Open the wiring, become the commander, and start to receive and send.
 
-        Raises MapMismatch, NotCommander or LinkLost on failure. Everything is then closed again.
+        Raises MapMismatch, NotCommander or LinkLost on failure. The bench is then closed again.
         """
         if self._connected:
             raise Misuse("this bench is connected already; close it first")
@@ -184,8 +184,8 @@ class Bench(Link):
     def arm(self, within: float = 10 * s, *, to: str = "ACTIVE") -> None:
         """Bring the bench from any state to ACTIVE, with all set-points at the measured values.
 
-        Resets a latched fault first. Stops at the state ``to`` of the start-up sequence. Raises RigFault if the rig
-        refuses or enters a fault, and BenchTimeout if it takes longer than ``within`` s.
+        Resets a latched fault first. If ``to`` is an earlier state of the start-up sequence, stops there. Raises
+        RigFault if the rig refuses or enters a fault, and BenchTimeout if it takes longer than ``within`` s.
         """
         left = self._countdown(within)
         steps = self.wiring.sequences.up
@@ -202,7 +202,7 @@ class Bench(Link):
         self._armed = to == "ACTIVE"
 
     def disarm(self, within: float = 10 * s) -> None:
-        """Bring the bench to rest from any state: hold, unload softly, disable. A latched fault stays latched."""
+        """Bring the bench to rest from any state: hold, unload softly, disable. A latched fault is not reset."""
         sequences = self.wiring.sequences
         self._armed = False
         self.commander.freeze()
@@ -217,7 +217,9 @@ class Bench(Link):
             self._until(lambda: self.state in sequences.at_rest, within, what)
 
     def reset(self, within: float = 5 * s) -> None:
-        """Clear a latched fault, if any, to HOLD or DISABLED. Raises RigFault if the emergency stop is pressed."""
+        """Reset a latched fault, if there is one; the rig is then in HOLD or DISABLED. Raises RigFault if the emergency
+        stop is pressed.
+        """
         if self.state not in FAULT_STATES:
             return
         steps = self.wiring.sequences.reset
@@ -236,10 +238,11 @@ class Bench(Link):
 
     @contextmanager
     def silent(self, about: Literal["set-points", "settings"]) -> Iterator[None]:
-        """Stop sending inside the block, like a failed commander or a broken cable. The bench counts as disarmed.
+        """Send no set-points, or nothing on the connection for settings (``about``), inside the block.
 
-        Faults of the rig raise no error inside the block. Raises NotAvailable, and continues sending, if the rig has no
-        known watchdog for its commander.
+        This simulates a broken cable. From then on the bench counts as disarmed. Faults of the rig raise no error
+        inside the block. Raises NotAvailable, without a change, if it is unknown whether the rig detects a silent
+        commander.
         """
         if not self.wiring.capabilities.watchdog:
             raise NotAvailable(NO_WATCHDOG.format(self.wiring.rig))
@@ -263,7 +266,9 @@ class Bench(Link):
         return lambda: max(0.0, (deadline - self.clock.now()) / NS)
 
     def _run_step(self, step: Step, left: Callable[[], float]) -> None:
-        """Run one step of a sequence of the rig within the remaining time (s)."""
+        """Send the orders of one step of a sequence and wait for its end state; ``left`` returns the remaining time
+        (s).
+        """
         for order in step.prepare:
             self._write_order(order)
         if step.bumpless:
@@ -296,7 +301,9 @@ class Bench(Link):
             self.wait(latency)
 
     def _reach(self, states: Collection[str], within: float, orders: Collection[Order] = ()) -> None:
-        """Wait for one of ``states``, the target of ``orders``. Raises RigFault if a fault occurs first."""
+        """Wait until the rig is in one of ``states``. Raises RigFault if a fault occurs first. The text of a time-out
+        error has the ``orders``.
+        """
         expected = " or ".join(dict.fromkeys(states))
         faults = [state for state in FAULT_STATES if state not in states]
         self._until(lambda: self.state in (*states, *faults), within, _state_with_orders(expected, orders))

@@ -28,8 +28,8 @@ def last_incident(bench: Bench) -> int:
 
 
 def incident_since(bench: Bench, number: int) -> Incident | None:
-    """Return the incident after incident ``number``. Return None if there is none, or if the rig is lost or has no
-    black box. If the rig is still recording the incident, wait for the end of the recording.
+    """Return the incident that was stored after incident ``number``. Return None if there is none, or if the rig is
+    lost or has no black box. If the rig is still recording the incident, wait for the end of the recording.
     """
     if not bench.wiring.capabilities.files:
         return None

@@ -10,7 +10,7 @@ from bench_protocol.frames import Block, frame
 #: Data bytes that a frame of CAN FD can have.
 FD_LENGTHS: Final = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 FD_LENGTH_MAX: Final = FD_LENGTHS[-1]
-#: The fields of ``FRAME``, wider, and whether it is one of CAN FD.
+#: The fields of ``FRAME`` with 64 data bytes, and a flag for frames of CAN FD.
 FD_FRAME: Final = np.dtype(
     [
         ("time", "<i8"),
@@ -27,13 +27,13 @@ FD_FRAME: Final = np.dtype(
 class Fd:
     """Options for sending frames of CAN FD."""
 
-    bitrate_switch: bool = False  #: their data at the fast rate
+    bitrate_switch: bool = False  #: send the data bytes at the fast rate
 
 
 def fd_frame(
     identifier: int, data: bytes, time: int = 0, *, extended: bool = False, classic: bool = False
 ) -> Block:
-    """Return a block of one frame for a CAN FD bus, padded with zeros to a valid length."""
+    """Return a block of one frame for a CAN FD bus, padded with zeros to a valid length; ``classic``: not CAN FD."""
     head = frame(identifier, data[:8], time, extended=extended)
     length = next((one for one in FD_LENGTHS if one >= len(data)), 0)
     if len(data) > length:

@@ -26,9 +26,9 @@ _PATIENCE: Final = 60.0  # s, for a slow disk at the end
 class CanLog:
     """Writes every frame that ``port`` receives to ``path`` until it is closed, in its own thread.
 
-    Do not send through this port: it does not receive its own frames, so they would be missing in the file. ``report``
-    is called at once, in that thread, if writing fails. Raises CanLogError for an unknown ending of the name, or a file
-    that cannot be created.
+    Do not send through this port: it does not receive its own frames, so they would be missing in the file. If writing
+    fails, ``report(error)`` is called at once in the writing thread. Raises CanLogError for an unknown ending of the
+    name, or a file that cannot be created.
     """
 
     def __init__(

@@ -52,7 +52,7 @@ HUB_PORT: Final = 29536
 _ARPHRD_CAN: Final = "280"
 _POLL: Final = 0.05  # s, longest wait of a receiver before it checks for its end
 _SEND_TIMEOUT: Final = 0.2  # s, for a full transmit queue
-_RECEIVE_BUFFER: Final = 16 << 20  # bytes; the kernel charges about 800 for a frame, so these are 20 000
+_RECEIVE_BUFFER: Final = 16 << 20  # bytes; the kernel counts about 800 for a frame, so 20 000 frames fit
 _BATCH_MAX: Final = 4096
 
 #: Folder in which the kernel lists its interfaces.
@@ -120,7 +120,7 @@ class _HubReceiver:
 
 
 class _MessageReceiver:
-    """Receiver for any other python-can bus, message by message; ``fd``: including CAN FD frames."""
+    """Receiver for any other python-can bus. It reads one message at a time; with ``fd`` also CAN FD frames."""
 
     overflows = 0
     wire: Wire | None = None
@@ -173,7 +173,10 @@ def _send_messages(bus: can.BusABC, block: Block, fd: Fd | None) -> None:
 
 
 class _SocketCanReceiver:
-    """Receiver for SocketCAN without python-can: one system call per frame, best available stamp, losses counted."""
+    """Receiver that reads a SocketCAN socket directly, with one system call per frame.
+
+    Frames get the best available time stamp. Frames that the kernel discarded are counted in ``overflows``.
+    """
 
     def __init__(self, bus: can.BusABC, sock: socket.socket, fd: Fd | None, *, hardware: bool) -> None:
         self.overflows = 0
@@ -217,7 +220,9 @@ class _SocketCanReceiver:
         return block
 
     def _time(self, notes: list[tuple[int, int, bytes]]) -> int:
-        """Return the receive time of a frame, by the best clock in its ancillary data."""
+        """Return the receive time (ns) of a frame by the best clock in its ancillary data; store the count of lost
+        frames.
+        """
         for _, kind, note in notes:
             if kind == _SO_RXQ_OVFL:
                 self.overflows = int.from_bytes(note[:4], "little" if _LITTLE else "big")

@@ -18,7 +18,7 @@ RIDES: Final = ("action.program_car", "car.wind_setpoint", "car.shear", "car.acc
 class Car(Device):
     """A car in the loop: ``bench.car``. The measured forces of the springs move it, and it moves the springs.
 
-    It is a program like those of the generator: ``bench.generator`` holds and stops it.
+    A ride is a program like those of the generator: ``bench.generator`` holds and stops it.
     """
 
     __slots__ = ()
@@ -56,7 +56,7 @@ class Car(Device):
     track_roll = Setting()  #: rad
     piston_lead = Setting()  #: s
     platform_lead = Setting()  #: s
-    shear = Reading()  #: m, how the car has the springs
+    shear = Reading()  #: m, of the springs under the car
     height = Reading()  #: m
     roll = Reading()  #: rad, against the track
     acceleration = Reading()  #: m/s², of the floor, lateral
@@ -66,10 +66,10 @@ class Car(Device):
     wind_setpoint = Setpoint()  #: N
 
     def start(self, car: Mapping[str, float]) -> None:
-        """Set a ``car`` (SI, by the names of the settings) and start its ride, without wind.
+        """Write the settings of a ``car`` (SI, by name), set the wind to 0, and start the ride.
 
-        All actuators must be in displacement control. For one second the rig measures the load of the springs at
-        rest. Raises Refused for an invalid car or a track that the actuators cannot follow, NotAvailable on a rig
+        All actuators must be in displacement control. The rig first measures the load of the springs at rest for one
+        second. Raises Refused for an invalid car or a track that the actuators cannot follow, NotAvailable on a rig
         without a car.
         """
         link = self._link

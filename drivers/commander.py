@@ -29,7 +29,7 @@ class Played(NamedTuple):
 
 
 class Commander:
-    """Stores all set-points and passes them to the wiring's outlet on every cycle from ``start`` to ``stop``.
+    """Stores all set-points and sends them through the wiring in every cycle from ``start`` to ``stop``.
 
     Thread-safe. A set-point without a value is sent as "not available". When sending fails, ``failure`` keeps the
     reason and the stream ends. The watchdog of the rig then reacts.
@@ -80,12 +80,12 @@ class Commander:
         return float(self._values[self._row(name)])
 
     def set(self, name: str, value: float) -> None:
-        """Set ``name`` to ``value`` from the next cycle on. Raises ValueError if the wire cannot carry it."""
+        """Set ``name`` to ``value`` (SI) from the next cycle on. Raises ValueError if the value is out of range."""
         self.set_all({name: value})
 
     def set_all(self, values: Mapping[str, float]) -> None:
-        """Set all ``values`` together from the next cycle on. Raises ValueError, without a change, if one does not
-        fit.
+        """Set all ``values`` (SI) together from the next cycle on. Raises ValueError, without a change, if one is out
+        of range.
         """
         rows, checked = self._checked(values)
         self._wiring.begin()
@@ -111,15 +111,15 @@ class Commander:
         return cycles * CYCLE / NS
 
     def moving(self, *names: str) -> bool:
-        """Return whether one of the set-points (any, without names) is still on its ramp."""
+        """Return whether one of the set-points ``names`` still moves along a ramp; without names, any set-point."""
         moving = self._setpoints.ramps["moving"]
         return bool((moving[[self._row(name) for name in names]] if names else moving).any())
 
     def play(self, offsets: Mapping[str, npt.NDArray[np.float64]]) -> None:
-        """Move set-points by ``offsets`` (SI, each (cycles,)) from their present values, one column each cycle.
+        """Move set-points by ``offsets`` (SI, each (cycles,)) from their present values, one value each cycle.
 
         All start on the same cycle. Setting another value for one of them ends the waveform. Raises Misuse, without a
-        motion, for a value that the wire cannot carry or for a set-point without a value.
+        motion, for a value out of range or a set-point without a value.
         """
         rows = np.array([self._row(name) for name in offsets], np.int64)
         table = np.array(list(offsets.values()), np.float64)
@@ -170,7 +170,9 @@ class Commander:
         self._moving.set_values(self._setpoints, self._mutex.address, rows, values)
 
     def _checked(self, values: Mapping[str, float]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-        """Return rows and values of set-points that the wire can carry. Raises ValueError or Misuse for any other."""
+        """Return table rows and values (SI) of set-points. Raises ValueError for a value out of range, Misuse for other
+        signals.
+        """
         rows = [self._row(name) for name in values]
         return np.array(rows, np.int64), np.array(
             [self._table[name].check(float(value)) for name, value in values.items()], np.float64
@@ -183,7 +185,7 @@ class Commander:
         return self._table.index[name]
 
     def _cycle(self) -> None:
-        """Pass a cycle to the outlet: in virtual time, and for transports without a compiled cycle."""
+        """Move the set-points by one cycle and send them from Python; used if the outlet does not run the cycle."""
         if self.failure is not None:
             return
         with self._mutex:

@@ -25,8 +25,8 @@ from drivers.setpoints import Setpoints, advance, entry
 COUNTS: Final = np.dtype(
     [
         ("sent", "<i8"),  # blocks
-        ("granted", "<i8"),  # blocks that may be sent in all without a further word from Python
-        ("stop", "<i8"),  # 1: come back before the next cycle
+        ("granted", "<i8"),  # total number of blocks that Python permits
+        ("stop", "<i8"),  # 1: return before the next cycle
     ]
 )
 
@@ -45,7 +45,7 @@ class Cycle(NamedTuple):
     fields: npt.NDArray[np.void]
     counters: npt.NDArray[np.int64]
     frames: Block
-    text: npt.NDArray[np.uint8]  #: the same frames as they travel
+    text: npt.NDArray[np.uint8]  #: the same frames, as they are sent
     counts: npt.NDArray[np.void]  #: one `COUNTS`
     work: npt.NDArray[np.int64]  #: work space of the system calls
 
@@ -67,7 +67,7 @@ class Cycle(NamedTuple):
 
 @entry
 def make_block(cycle: Any, time: int) -> None:
-    """Advance by one cycle and encode its frames, stamped ``time`` (ns)."""
+    """Move the set-points by one cycle and encode the frames, with the time stamp ``time`` (ns)."""
     advance(cycle.setpoints)
     encode_into(
         cycle.setpoints.values,
@@ -83,7 +83,7 @@ def make_block(cycle: Any, time: int) -> None:
 
 @inlined
 def _hex(text: Any, place: int, number: int, digits: int, ten: int) -> int:
-    """Write a number with ``digits`` hexadecimal digits; ``ten`` is the character of the digit 10."""
+    """Write a number with ``digits`` hexadecimal digits; return the index after it. ``ten``: code of A or a."""
     for k in range(digits):
         digit = (number >> (4 * (digits - 1 - k))) & 0xF
         text[place + k] = 48 + digit if digit < 10 else ten + digit - 10
@@ -120,7 +120,7 @@ def _write_frame(record: Any, text: Any, place: int) -> int:
 
 @entry
 def write_text(frames: Any, text: Any, lines: bool) -> int:
-    """Write ``frames`` in the form for the wire; return the number of bytes."""
+    """Write ``frames`` to ``text`` as ``lines`` of socketcand, or as struct can_frame; return the number of bytes."""
     place = 0
     for record in frames:
         place = _write_line(record, text, place) if lines else _write_frame(record, text, place)
@@ -133,7 +133,8 @@ def send_cycles(
 ) -> int:
     """Send a block at each ``start + k period`` (monotonic, ns), k = 1, 2, …; return 0 when stopped, else an errno.
 
-    ``mutex`` and ``wire_mutex`` are the addresses of the mutexes of the cycle and of the ``wire`` (1,), a descriptor.
+    ``wire`` (1,) has the descriptor of the socket. ``mutex`` is the address of the mutex of the set-points,
+    ``wire_mutex`` that of the socket.
     """
     counts = cycle.counts[0]
     due = start
@@ -169,5 +170,5 @@ NO_CYCLE: Final = Cycle.of(Encoder(TABLE), np.zeros(0, np.int64), Setpoints.of(0
 frames_to_text: Final = bind(write_text, NO_CYCLE.frames, NO_CYCLE.text, True)
 cycle_frames: Final = bind(make_block, NO_CYCLE, 0)
 run_cycles: Final = bind(send_cycles, NO_CYCLE, 0, np.zeros(1, np.int64), 0, True, 0, 0)
-#: With ``NUMBA_DISABLE_JIT=1`` no cycle can do without the interpreter.
+#: False with ``NUMBA_DISABLE_JIT=1``: every cycle then needs the interpreter.
 COMPILED: Final = hasattr(send_cycles, "get_overload")

@@ -91,7 +91,7 @@ T = TypeVar("T")
 
 
 class Declaration(Generic[T]):
-    """The signal of one attribute of a device. Its name is that of the attribute unless another one is given."""
+    """Declares an attribute of a device for the signal DEVICE.ATTRIBUTE, or DEVICE.NAME if ``name`` is given."""
 
     kinds: ClassVar[tuple[Kind, ...]] = ()
 
@@ -161,7 +161,7 @@ class Reported(Declaration[T]):
 
 
 class Reading(Reported[float]):
-    """A number that the rig reports: SI, NaN unless fresh and available."""
+    """A number (SI) that the rig reports; NaN if it is stale or not available."""
 
     kinds = (*MEASURED, Kind.STATUS)
 
@@ -170,7 +170,7 @@ class Reading(Reported[float]):
 
 
 class ChoiceReading(Reported[str]):
-    """One of several named states that the rig reports; ``"unknown"`` unless fresh."""
+    """One of several named states that the rig reports; ``"unknown"`` if it is stale or not available."""
 
     kinds = (Kind.STATUS,)
 
@@ -179,7 +179,7 @@ class ChoiceReading(Reported[str]):
 
 
 class Contact(Declaration[bool]):
-    """A discrete input, polled on request."""
+    """A discrete input, polled at each access."""
 
     kinds = (Kind.INTERLOCK,)
 
@@ -200,7 +200,9 @@ class Streamed(Declaration[T]):
 
 
 class Setpoint(Streamed[float]):
-    """A value that the commander streams. Assigning jumps (the rig slews within one cycle); ``move_to`` ramps."""
+    """A set-point, sent in every cycle. An assignment takes effect within one cycle; ``move_to`` of a device uses a
+    ramp.
+    """
 
     def get(self, link: Link, name: str) -> float:
         return link.commander.value(name)
@@ -220,7 +222,7 @@ class Bit(Streamed[bool]):
 
 
 class Setting(Declaration[float]):
-    """A number in a holding register; assigning checks, stages and applies it."""
+    """A number in a holding register. An assignment checks the value, writes it and puts it in force."""
 
     kinds = (Kind.SETTING,)
 
@@ -232,7 +234,7 @@ class Setting(Declaration[float]):
 
 
 class ChoiceSetting(Declaration[str]):
-    """A choice in a holding register, by name; assigning checks, stages and applies it."""
+    """A choice in a holding register, by name. An assignment checks the choice, writes it and puts it in force."""
 
     kinds = (Kind.SETTING,)
 
@@ -244,7 +246,7 @@ class ChoiceSetting(Declaration[str]):
 
 
 class Action(Declaration[Callable[[], None]]):
-    """A coil that acts on its rising edge: ``bench.action.apply()``."""
+    """An action of the rig, called as a function: ``bench.action.apply()`` sets its coil."""
 
     kinds = (Kind.ACTION,)
 

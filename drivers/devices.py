@@ -72,10 +72,10 @@ class RigStatus(Device):
     tripped_tick = Reading()
     status_code = Reading()
     lease = Reading()  #: the token of the commander that holds the lease, 0 if it is free
-    holder = Reading()  #: TCP port of its connection, 0 if it is free or the port unknown
+    holder = Reading()  #: TCP port of the commander with the lease, 0 if there is none or its port is unknown
     strangers = Reading()  #: frames and requests of other clients, which were rejected
-    stranger = Reading()  #: TCP port of the last of them, 0 if unknown
-    stranger_identifier = Reading()  #: CAN identifier of the last of them, 0 for Modbus
+    stranger = Reading()  #: TCP port of the last such client, 0 if unknown
+    stranger_identifier = Reading()  #: CAN identifier of the last such frame, 0 for Modbus
     generator_cycle = Reading()
     tick = Reading()
     late_ticks = Reading()
@@ -120,7 +120,7 @@ class LeaseRequest(Device):
 
 
 class Actions(Device):
-    """The coils: ``bench.action.program_stop()``."""
+    """The actions of the rig: ``bench.action.program_stop()``."""
 
     __slots__ = ()
     apply = Action()

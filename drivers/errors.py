@@ -4,7 +4,7 @@ from typing import Final, Literal
 
 Fault = Literal["rig", "plan", "link", "record"]
 
-#: The remedy of an error whose cause is stated by the state of the rig.
+#: Remedy in an error message that states the cause by the state of the rig.
 TRY_AGAIN: Final = "remove the cause, then try again"
 
 
@@ -27,11 +27,11 @@ class RigFault(BenchError):
 
 
 class Refused(BenchError):
-    """The rig answered a request with a Modbus exception."""
+    """The rig rejected a request, for example with a Modbus exception."""
 
     def __init__(self, message: str, code: int) -> None:
         super().__init__(message)
-        self.code = code  #: the Modbus exception code
+        self.code = code  #: Modbus exception code, or status code of OPC UA
 
 
 class MapMismatch(BenchError):

@@ -19,7 +19,10 @@ ENDED: Final = ("IDLE", "STOPPED")
 
 @dataclass(frozen=True, slots=True)
 class Wave:
-    """A wave of a program: whole cycles on one axis, ``delay`` s after the program's start; one amplitude (SI)."""
+    """One wave of a program: whole cycles on one axis, which begin ``delay`` s after the start of the program.
+
+    Exactly one of the three amplitudes (SI) must be given.
+    """
 
     axis: GeneratorAxis
     form: GeneratorWave = "sine"
@@ -132,7 +135,7 @@ class Generator(Device):
         self._link.wait_cycles(STREAM_CYCLES, "rig.program")
 
     def _set(self, wave: Wave) -> None:
-        """Write the settings of ``wave``. Raises Misuse unless its amplitude fits the present control mode of its
+        """Write the settings of ``wave``. Raises Misuse if the given amplitude does not suit the control mode of the
         axis.
         """
         amplitude = self._amplitude_name(wave.axis)

@@ -112,10 +112,9 @@ class HubBus(can.BusABC):
     def recv_block(self, timeout: float | None = None) -> Block:
         """Return all received frames, in order, as one block; wait at most ``timeout`` s for the first.
 
-        The block is empty if none was received in that time; None waits without limit.
-
-        Times are the server's, ns since the epoch. Filters set on the bus do not apply here.
-        Raises can.CanOperationError once the server is gone, after the last of its frames has been returned.
+        The block is empty if no frame was received in that time. Without ``timeout`` the wait has no limit. Times are
+        the time stamps of the server (ns since 1970). Filters set on the bus do not apply here. Raises
+        can.CanOperationError once the server is gone, after the last of its frames has been returned.
         """
         if not self._blocks:
             self._read(timeout)
@@ -189,7 +188,7 @@ class HubBus(can.BusABC):
         return message, False
 
     def _read(self, timeout: float | None) -> None:
-        """Wait for input and sort it. Raises an error if the server is lost."""
+        """Wait for input and store its frames. Raises can.CanOperationError if the server is lost."""
         if self._lost:
             raise can.CanOperationError(self._lost)
         try:
@@ -207,7 +206,7 @@ class HubBus(can.BusABC):
             raise can.CanOperationError(self._lose(reason)) from None
 
     def _readable(self, timeout: float | None) -> bool:
-        """Wait for input, at most ``timeout`` s (None: a moment).
+        """Return whether input arrives within ``timeout`` s (None: 1 s).
 
         Uses poll() because epoll sometimes does not wake when another thread closes the socket.
         """

@@ -31,7 +31,7 @@ from drivers.wiring.contract import Wiring
 
 #: States that are an error while the bench is armed.
 DOWN_STATES: Final = tuple(state for state in STATES if state not in LIVE_STATES)
-#: Cycles without a state after which the bus counts as lost. One cycle may run before the receiver was scheduled.
+#: Number of cycles without a fresh state after which the bus counts as lost. A few may pass if the receiver runs late.
 SILENT_CYCLES: Final = 25
 #: Longest single wait of a plan. A longer one indicates a wrong unit.
 WAIT_MAX: Final = 24 * 3600 * s
@@ -46,9 +46,9 @@ SAMPLE_WITHIN: Final = 5 * s
 
 
 class Link:
-    """The wiring of one rig with its readings, settings and commander.
+    """The connection to one rig: its wiring, readings, settings and commander.
 
-    Devices receive the link. `Bench` is a link with its devices.
+    Every device has a reference to the link. `Bench` is a link with devices.
     """
 
     __slots__ = (
@@ -128,9 +128,9 @@ class Link:
         )
 
     def strangers(self) -> str:
-        """Return as text which commands the bench refused since this commander connected, "" if none.
+        """Return as text how many commands the bench refused as foreign since this commander connected, "" if none.
 
-        They come from another client, unless their sender is this commander. Then this commander has lost the bench.
+        They come from another client, or from this commander if it has lost its lease.
         """
         count = self.readings.value_or_nan("rig.strangers") - self._strangers
         if not count > 0:
@@ -166,10 +166,10 @@ class Link:
             self.check()
 
     def wait_cycles(self, cycles: int, *signals: str) -> None:
-        """Wait until the last ``cycles`` cycles have carried the present set-points and the readings show their effect.
+        """Wait until the present set-points were sent in ``cycles`` cycles and the readings show their effect.
 
-        Then wait for each signal in ``signals`` until a sample is at most two cycles old, as frames may
-        be lost.
+        Then wait for each signal in ``signals`` until its latest sample is from the last two cycles of this wait, or
+        newer. This takes longer if frames are lost.
         """
         latency = self.wiring.capabilities.latency
         since = self.now + (cycles - 1) * CYCLE / NS + latency
@@ -188,8 +188,9 @@ class Link:
     ) -> None:
         """Wait until ``condition()`` has been true for ``steady`` s. It is evaluated every 20 ms.
 
-        It is not evaluated during the first ``not_before`` s, in which it cannot become true. Raises BenchTimeout after
-        ``within`` s, with the name of the condition and the readings. RigFault and LinkLost are raised at once.
+        In virtual time, the first ``not_before`` s may pass without an evaluation as long as no event occurs. Raises
+        BenchTimeout after ``within`` s, with the name of the condition and the readings. RigFault and LinkLost are
+        raised at once.
         """
         self._until(condition, within, what, steady=steady, not_before=not_before)
 
@@ -202,7 +203,8 @@ class Link:
     def settle(
         self, *names: str, band: float, over: float = 1 * s, within: float = 2 * minutes
     ) -> dict[str, float]:
-        """Wait until the means over ``over`` s change by no more than ``band`` (SI) three times in a row; return them.
+        """Wait until the means over ``over`` s change by no more than ``band`` (SI) three times in a row; return the
+        last means by name.
 
         Three times, because a signal is also steady for a moment when it reverses: gas heats during filling, then
         cools. Raises BenchTimeout after ``within`` s, with the signals that still changed.
@@ -264,7 +266,7 @@ class Link:
 
     @contextmanager
     def despite_faults(self) -> Iterator[None]:
-        """Allow waits while the rig is in a fault: for tear-down and diagnosis."""
+        """Raise no error for faults of the rig inside the block, so that waits work during tear-down and diagnosis."""
         before, self._tolerant = self._tolerant, True
         try:
             yield
@@ -302,7 +304,8 @@ class Link:
         return means
 
     def take_over(self, names: Sequence[str]) -> None:
-        """Set the set-points of ``names`` (``lateral.force``) to the measured values and stream them a few cycles.
+        """Set the set-points of ``names`` (such as ``lateral.force``) to the measured values and send them for a few
+        cycles.
 
         Names without a set-point or a measurement on this rig are skipped.
         """

@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 
 
 class InMemoryCan:
-    """A ``CanPort`` with two functions as its bus: ``send`` calls the given one, ``receive`` simulates the bus."""
+    """A ``CanPort`` without a bus. Sent frames go to the given function; frames given to ``receive`` reach the
+    subscribers.
+    """
 
     wire: Wire | None = None
 

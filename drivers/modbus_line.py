@@ -1,8 +1,8 @@
 """A pymodbus client that several ports share, and the assignment of answers to requests.
 
 Answers of Modbus/TCP carry the number of their request. Frames of a serial line carry none: an answer that arrives
-after its time-out looks like the answer to the next request. After a lost answer such a line is therefore left silent
-and read empty, and the first answer after it is discarded.
+after its time-out looks like the answer to the next request. After a lost answer, nothing is sent on such a line for
+some time, and its input is discarded. The first answer after that is also discarded.
 """
 
 from __future__ import annotations
@@ -25,23 +25,24 @@ from drivers.modbus_words import HEADER, instead
 Client = ModbusTcpClient | ModbusSerialClient
 
 SEE_TO_IT: Final = "; check that the device runs and can be reached"
-#: Number of closed connections after answers from which on a device is assumed to close after each answer.
+#: A device that closed so many connections in a row after an answer is assumed to close after each answer.
 _HABIT: Final = 2
 _PAUSE: Final = round(20 * ms * NS)
 _LOOK: Final = round(1 * ms * NS)
 #: Functions whose answers repeat the address of the request.
 _WRITING: Final = frozenset({5, 6, 15, 16})
-#: Silent time of a line after a request whose answer was lost, in time-outs.
+#: Time without requests after a lost answer, as a multiple of the time-out.
 _SILENT: Final = 2.0
-#: Silent time of a line after a late answer, as a multiple of the slowest answer so far, and its minimum.
+#: Time without requests after a late answer, as a multiple of the slowest answer so far, and at least this time.
 _SLOWEST, _GAP_MIN = 2.0, 20 * ms
 
 
 class SharedClient:
-    """A pymodbus client and its connection, for one port or several that take turns.
+    """A pymodbus client and its connection, used by one port or by several in turn.
 
-    ``each``: the connection is opened for each request; also for a device that closes it after each answer. ``echo``: a
-    reply with another unit or transaction is not an answer. Callers of `execute`, `lose` or `hang_up` hold the lock.
+    ``each``: open the connection for each request. This is set automatically if the device closes it after each answer.
+    ``echo``: only a reply with the unit and transaction number of the request is an answer. Callers of `execute`,
+    `lose` or `hang_up` hold the lock.
     """
 
     def __init__(self, client: Client, where: str, *, each: bool = False, echo: bool = True) -> None:
@@ -54,10 +55,10 @@ class SharedClient:
         self._framed = isinstance(client.framer, FramerSocket)
         self._echo = echo or not self._framed
         self._request = self._came = b""
-        self._sent = 0  # ns, when
+        self._sent = 0  # ns, time of the last request
         self._lost = 0  # ns, when the first request that got no answer was sent; 0 for none
         self._silent_until = 0  # ns
-        self._slowest = 0.0  # s, of the answers in time
+        self._slowest = 0.0  # s, slowest answer within the time-out
         self._answers = 0  # on this connection
         self._in_a_row = 0
         self._there = False
@@ -86,7 +87,11 @@ class SharedClient:
         return not self._framed
 
     def execute(self, request: Callable[[], ModbusPDU], *, repeatable: bool) -> ModbusPDU:
-        """Return the reply. A ``repeatable`` request is sent again if the device had closed, or after a lost answer."""
+        """Send a request and return the reply.
+
+        A ``repeatable`` request is sent again if the device had closed the connection, or if an earlier answer was
+        lost.
+        """
         doubtful = self._settle()
         self._came = b""
         self._look()
@@ -97,7 +102,7 @@ class SharedClient:
             if doubtful and repeatable:
                 self._read_empty(self._gap())
                 reply = request()
-        except (ConnectionException, ConnectionError):  # the end, or a reset where it was not read to the end
+        except (ConnectionException, ConnectionError):  # the device has closed or reset the connection
             if fresh or not (repeatable or self.closings):
                 raise
             self._note_closing()
@@ -123,7 +128,7 @@ class SharedClient:
             raise ModbusException("another address")
 
     def lose(self) -> None:
-        """Record that a request got no answer, so that a late one is not assigned to the next request."""
+        """Record that a request got no answer, so that a late answer is not assigned to the next request."""
         if self._framed:
             self.hang_up()
             return
@@ -205,7 +210,7 @@ class SharedClient:
         self._answers = 0
 
     def _packet(self, sending: bool, data: bytes) -> bytes:
-        """Record sent and received bytes. Without an echo, any received bytes count as the answer."""
+        """Record sent or received bytes and return them. Without ``echo``, answers get the numbers of the request."""
         if sending:
             self._request, self._sent = data, self._clock.now()
         else:
@@ -216,7 +221,7 @@ class SharedClient:
         return data
 
     def _count_others(self, data: bytes) -> None:
-        """Count whole answers of Modbus/TCP to other requests, as a gateway delivers them after their time-out."""
+        """Count complete Modbus/TCP answers to earlier requests, which a gateway may deliver after the time-out."""
         at = 0
         while self._framed and self._echo and len(data) >= at + HEADER.size:
             number, _, length, _ = HEADER.unpack_from(data, at)
@@ -224,7 +229,7 @@ class SharedClient:
             self.discarded += at <= len(data) and self._request[:2] != number.to_bytes(2, "big")
 
     def _look(self) -> None:
-        """Detect whether the device has closed since its last answer, or sent unrequested bytes."""
+        """Detect whether the device has closed the connection since its last answer, or sent more bytes."""
         found = self.client.socket
         if not isinstance(found, socket.socket):
             if found is not None and found.in_waiting:
@@ -252,7 +257,7 @@ class SharedClient:
         self.each = self.each or self._in_a_row >= _HABIT
 
     def _connect(self) -> None:
-        """Connect if necessary, with a delay for a device that has just closed or has not detected our closing."""
+        """Connect if necessary. If a device closes connections, try again until the time-out."""
         self._there = False
         deadline = self._clock.now() + round(self._timeout() * NS)
         while not self.client.connect():

@@ -1,8 +1,8 @@
 """Access to Modbus devices. Only this module and `modbus_line` use pymodbus, whose interface changes often.
 
-A ``ModbusPort`` reads and writes numbers and raises errors with a plain text. It uses pymodbus' synchronous client
-on a socket or a serial line (``open_modbus``, ``open_serial``), or on a function that answers requests
-(``InMemoryModbus``). The bytes are the same.
+A ``ModbusPort`` reads and writes numbers and raises errors with a plain text. It uses pymodbus' synchronous client on a
+socket or a serial line (``open_modbus``, ``open_serial``), or on a function that answers requests (``InMemoryModbus``).
+Both exchange the same bytes.
 """
 
 import contextlib
@@ -53,7 +53,7 @@ class ModbusPort:
         self.discarded = 0  #: answers without a pending request, mostly late ones
         self._asking = 0  # the thread that waits for an answer
         self._postponed: list[Callable[[], None]] = []
-        #: The TCP ports from which requests have gone out: a connection that broke is opened again from another.
+        #: The local TCP ports from which requests were sent. Each new connection has another port.
         self.local_ports: set[int] = set()
         line.join(self)
 
@@ -176,7 +176,11 @@ class ModbusPort:
         request: Callable[[], ModbusPDU],
         mismatch: Callable[[ModbusPDU], str] | None = None,
     ) -> ModbusPDU:
-        """Return the reply. ``mismatch`` returns why a reply does not belong to a reading, which may be repeated."""
+        """Send a request and return the reply. Raises Refused or LinkLost.
+
+        ``mismatch`` is given for readings only, which may be repeated: it returns why a reply does not fit, "" if it
+        does.
+        """
         with self.line.lock:
             self.line.join(self)
             self._asking = threading.get_ident()
@@ -247,8 +251,8 @@ def open_modbus(
     """Connect to a device. ``timeout`` (s) limits the connection and each answer, ``within`` (s) the first connection.
 
     ``rtu``: frames are those of a serial line. ``each``: a connection for each request. ``echo``: answers repeat unit
-    and request number. ``shared``: share the connection with other ports at the same address. Raises LinkLost without
-    an answer.
+    and request number. ``shared``: share the connection with other ports at the same address. Raises LinkLost if the
+    device cannot be reached.
     """
     where = f"{host}:{port}"
 

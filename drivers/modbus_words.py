@@ -43,7 +43,10 @@ def in_registers(what: str, values: Sequence[int]) -> list[int]:
 
 
 def instead(request: bytes, came: bytes, *, framed: bool) -> str:
-    """Return a text about the bytes received instead of an answer; ``framed``: both have a Modbus/TCP header."""
+    """Return the end of an error message: the bytes ``came`` were received instead of an answer; "" if none came.
+
+    ``framed``: request and answer have a Modbus/TCP header.
+    """
     if not came:
         return ""
     if not framed:

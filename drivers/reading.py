@@ -46,7 +46,7 @@ class Readings:
         self.renew()
 
     def renew(self) -> None:
-        """Update the limits of staleness, which the wiring knows once it is connected."""
+        """Read from the wiring the ages above which samples are stale; they are known once it is connected."""
         self._limits = [int(limit) for limit in self._wiring.freshness]
 
     def sample(self, name: str) -> Sample:
@@ -72,8 +72,8 @@ class Readings:
         return self.glimpse(name) if self._limits[self._table.index[name]] else self._polled(name)
 
     def glimpse(self, name: str) -> float:
-        """Return the value as `known` does, for use in other threads. A failed wait does not list this reading in its
-        message.
+        """Return the value (SI) of the latest sample, NaN if it is stale. Unlike `value`, it is for other threads: the
+        message of a failed wait does not list this reading.
         """
         row = self._table.index[name]
         value, time = self._receiver.latest(row)

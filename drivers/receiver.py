@@ -37,12 +37,14 @@ class Receiver:
         self._captures: tuple[Capture, ...] = ()
         self.sink: Sink | None = None
         self.failure: Exception | None = None  #: exception of the sink, which is then not called again
-        self.needed = True  #: whether a plan must be informed of it
+        self.needed = True  #: whether a plan must be informed of ``failure``
         #: Hz, by signal: its receive rate in the last capture that was aligned or averaged.
         self.rates: dict[str, float] = {}
 
     def receive(self, times: Ints, rows: Ints, values: Floats, fresh: Ints | int) -> None:
-        """Store samples in order of arrival; their age counts from ``fresh`` (ns), one time for each or for all."""
+        """Store samples, and pass them to captures and the sink. Their age counts from ``fresh`` (ns, of each or of
+        all).
+        """
         with self._lock:
             self._latest[rows] = values
             self._fresh[rows] = fresh
@@ -158,7 +160,7 @@ class Capture:
         return result
 
     def _row(self, name: str) -> int:
-        self._table[name]  # raises with the words that help
+        self._table[name]  # raises an error with a suggestion
         return self._table.index[name]
 
     def _series(self, name: str) -> tuple[Floats, Floats]:

@@ -20,7 +20,7 @@ RAMP: Final = np.dtype(
         ("start", "<f8"),
         ("end", "<f8"),
         ("step", "<f8"),  # SI per cycle, with its sign
-        ("cycles", "<i8"),  # signed, SI per cycle
+        ("cycles", "<i8"),  # number of cycles since the start
     ]
 )
 #: Limits of a waveform: number of set-points, and of cycles (20 minutes).
@@ -99,7 +99,7 @@ def _release(setpoints: Any, row: int) -> None:
 
 @entry
 def change(setpoints: Any, mutex: int, rows: Any, values: Any) -> None:
-    """Set the set-points ``rows`` to ``values`` (SI) together from the next cycle on; ``mutex``: its address."""
+    """Set the set-points ``rows`` to ``values`` (SI) together from the next cycle on; ``mutex`` is its address."""
     lock_mutex(mutex)
     for k in range(rows.size):
         _release(setpoints, rows[k])

@@ -18,7 +18,7 @@ UNKNOWN: Final = "unknown"
 
 
 def stop_orders(absent: Collection[str], sequences: Sequences) -> tuple[Order, ...]:
-    """Return the orders of a stop on a rig without the action `TO_SAFE`; none if it has the action or no stop."""
+    """Return the shut-down orders of a rig without the action `TO_SAFE`; none if the rig has that action."""
     return sequences.rest if TO_SAFE in absent else ()
 
 
@@ -93,7 +93,7 @@ class Settings:
         self._wiring.act(name)
 
     def give(self, order: Order) -> None:
-        """Write the settings, actions and points of an order. The commander writes its set-points."""
+        """Write the settings and points of an order, and trigger its actions. The commander sends its set-points."""
         kinds = {name: self._table[name].kind if name in self._table.index else None for name in order.values}
         self.write({name: order.values[name] for name in kinds if kinds[name] is Kind.SETTING})
         for name in (name for name in kinds if kinds[name] is Kind.ACTION):

@@ -13,22 +13,22 @@ Clock = Literal["hardware", "system"]
 #: linux/socket.h, linux/net_tstamp.h: numbers Python's socket module does not name.
 SO_TIMESTAMPNS: Final = 35
 SO_TIMESTAMPING: Final = 37
-#: Stamps of the interface as they are, and those of the kernel where it has none.
+#: Flags: use the stamps of the interface without conversion, and those of the kernel if it has none.
 TIMESTAMPING: Final = 1 << 2 | 1 << 3 | 1 << 4 | 1 << 6
 _TIMESPEC: Final = struct.Struct("@ll")
 _NS: Final = 1_000_000_000
-#: Largest drift of two clocks in a second, ns: the error of a crystal is below 100 ppm.
+#: Largest relative drift between two clocks: the error of a crystal is below 100 ppm.
 _DRIFT: Final = 1e-4
-#: Stamps of one bus may be out of order by this (ns): a hub stamps what clients send when it arrives, and the frames
-#: of the rig with the time of their tick.
+#: Stamps of one bus may be out of order by this (ns): a hub stamps frames of clients on arrival, and frames of the rig
+#: with the time of their tick.
 _DISORDER: Final = _NS // 50
-#: If no frame in this time (ns), of so many at least, has a lag near the offset, the offset is too small.
+#: The offset is too small if no frame within this time (ns), of at least so many, has a lag near the offset.
 _WINDOW: Final = _NS
 _FRAMES: Final = 10
-#: An offset that is wrong by less (ns) is near enough.
+#: A smaller error of the offset (ns) is accepted.
 _NEAR: Final = _NS // 2000
 
-#: Interfaces of python-can whose stamps are those of the adapter. Of the others the operating system's are taken.
+#: Interfaces of python-can that report the time stamps of the adapter. The others report those of the operating system.
 HARDWARE_STAMPS: Final = frozenset(
     {"pcan", "kvaser", "vector", "ixxat", "neovi", "nican", "nixnet", "canalystii", "gs_usb", "etas"}
 )
@@ -59,20 +59,20 @@ class StampClock:
     is older than the one before, or a lag that stays too large, shows that the other clock was set back. A stamp in the
     future shows that it was set forward. No clock is compared with the time of day.
 
-    An offset with an error below `_NEAR` is kept, so that equidistant stamps stay equidistant. With ``drifts`` it
-    follows the drift of the other clock instead: for the hardware of an interface, whose stamps are exact to
-    microseconds.
+    An offset with an error below `_NEAR` is kept, so that equidistant stamps stay equidistant. With ``drifts`` the
+    offset follows the drift of the other clock instead. This is for the hardware of an interface, whose stamps are
+    exact to microseconds.
     """
 
     def __init__(self, *, drifts: bool = False) -> None:
         self._drift, self._slack = (_DRIFT, 0) if drifts else (0.0, _NEAR)
-        self.steps = 0  #: times that the other clock was set, by more than stamps may be out of order
+        self.steps = 0  #: number of times that the other clock was set, by more than `_DISORDER`
         self._offset: int | None = None  # ns, from the other clock to ours
         self._newest = 0
         self._begin, self._frames, self._least = 0, 0, 0  # of the window: arrival, frames, smallest lag
 
     def time(self, stamp: int, arrived: int) -> int:
-        """Return the time of our clock (ns) of a ``stamp`` that arrived at the time ``arrived`` of our clock."""
+        """Convert a ``stamp`` of the other clock to our clock (ns); ``arrived`` is its arrival by our clock (ns)."""
         lag = arrived - stamp
         offset = self._offset
         if offset is None or stamp < self._newest - _DISORDER:

@@ -61,7 +61,7 @@ class Waveform(Device):
     def foresee(self, times: Floats, offsets: Mapping[str, Floats]) -> None:
         """Raise the errors of :meth:`run` that depend neither on the set-points nor on the control mode.
 
-        These are a wrong shape, a wrong pace, or values beyond the range of the wire around 0.
+        These are a wrong shape, a motion that is too fast, or offsets beyond the range of the set-point.
         """
         for name, way in self._foreseen(times, offsets).items():
             signal = self._link.table[f"{name}_setpoint"]
@@ -73,8 +73,8 @@ class Waveform(Device):
                 )
 
     def _foreseen(self, times: Floats, offsets: Mapping[str, Floats]) -> dict[str, Floats]:
-        """Return ``offsets`` at each cycle. Raises NotAvailable if the rig lacks a signal, Misuse if it follows too
-        slowly.
+        """Return ``offsets`` at each cycle. Raises NotAvailable if the rig lacks a signal, Misuse if the motion is
+        faster than the rig can follow.
         """
         if lacking := self._link.lacks(*(f"{name}_setpoint" for name in offsets)):
             raise NotAvailable(lacking)
@@ -123,7 +123,7 @@ class Waveform(Device):
         )
 
     def _refuse_mode(self, name: str) -> None:
-        """Raise Misuse if the axis of the reading ``name`` has another control mode now."""
+        """Raise Misuse if the axis of the reading ``name`` is not in the control mode that the waveform needs."""
         device, _, needed = name.partition(".")
         if device == "platform":
             return

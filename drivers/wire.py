@@ -14,8 +14,8 @@ from bench_protocol.runtime.mutex import Mutex
 class Wire:
     """A socket to which compiled code may write frames; other writers lock ``mutex`` first.
 
-    ``descriptor`` (1,) is -1 once writing is forbidden. ``lines``: frames are sent as lines of the socketcand
-    protocol, else as the kernel's struct can_frame, one a message.
+    ``descriptor`` (1,) is -1 once writing is forbidden. ``lines``: frames are sent as lines of the socketcand protocol,
+    else as the kernel's struct can_frame, one frame per write.
     """
 
     descriptor: npt.NDArray[np.int64]

@@ -18,7 +18,11 @@ NUMBER: Final = ctypes.c_double, types.float64, ir.DoubleType()
 
 
 def at_address(*arguments: Any) -> Any:
-    """Return a function that calls the C function at an address with a tuple of ``arguments`` and returns its int."""
+    """Return ``f(address, values)``, which calls the C function at ``address`` with a tuple of values and returns its
+    int.
+
+    ``arguments`` are the types of the values.
+    """
     if config.DISABLE_JIT:  # type: ignore[attr-defined]
         form = ctypes.CFUNCTYPE(ctypes.c_int, *(one[0] for one in arguments))
 

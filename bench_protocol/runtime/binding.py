@@ -141,8 +141,8 @@ def _without_linear_algebra() -> Iterator[None]:
     """Start numba without scipy's BLAS, which it imports for products of matrices and which takes 0.15 s.
 
     No compiled function here multiplies matrices; the compilation of one that does would fail. ``None`` in
-    ``sys.modules`` marks a module as missing; scipy can be imported afterwards. Other threads may import it at the
-    same time. It is therefore only hidden if there are no other threads.
+    ``sys.modules`` marks a module as missing; scipy can be imported afterwards. Other threads may import it at the same
+    time. The module is therefore hidden only if there are no other threads.
     """
     name = "scipy.linalg.cython_blas"
     if name in sys.modules or threading.active_count() > 1:

@@ -74,7 +74,8 @@ else:
 
 @inlined
 def lock_yielding(mutex: int) -> int:
-    """Lock the mutex at address ``mutex`` from a thread that has the interpreter; return the thread state.
+    """Lock the mutex at address ``mutex`` from a thread that has the interpreter; return the argument ``thread`` of
+    `unlock_yielding`.
 
     The interpreter is released while waiting, because the holder of the mutex may need it.
     """
@@ -116,19 +117,19 @@ def wake(descriptor: int, one: Any) -> None:
 
 @inlined
 def send_word(descriptor: int, place: int) -> bool:
-    """Write the 8 bytes at the address ``place``; False if no process reads any more."""
+    """Write the 8 bytes at the address ``place``; return False if no process reads any more."""
     return bool(_write(descriptor, place, 8) == 8)
 
 
 @inlined
 def receive_word(descriptor: int, place: int) -> bool:
-    """Read 8 bytes to the address ``place``, waiting for them; False if no process writes any more."""
+    """Wait for 8 bytes and read them to the address ``place``; return False if no process writes any more."""
     return bool(_read(descriptor, place, 8) == 8)
 
 
 @inlined
 def readable(descriptor: int, patience: int, place: int, spare: Any) -> bool:
-    """Wait at most ``patience`` ms for input or the end of the stream; ``spare[place]``: int64 work space."""
+    """Return whether input or the end of the stream comes in ``patience`` ms; ``spare[place]``: int64 work space."""
     spare[place] = descriptor | 1 << 32  # struct pollfd: the descriptor, and POLLIN
     for _ in range(_INTERRUPTIONS):
         ready = _poll(spare.ctypes.data + 8 * place, 1, patience)

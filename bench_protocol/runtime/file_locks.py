@@ -9,9 +9,10 @@ except ImportError:  # not a Unix
 
 
 def hold(file: IO[Any] | int, *, shared: bool = False, wait: bool = False) -> bool:
-    """Lock an open ``file`` until it is closed. Returns False if another process holds it, or waits for it if ``wait``.
+    """Lock an open ``file`` until it is closed; return True. If another process has the lock, wait if ``wait``, else
+    return False.
 
-    Returns True without a lock if the system or the file system does not support locks.
+    Returns True also without a lock, if the system or the file system does not support locks.
     """
     if fcntl is None:
         return True

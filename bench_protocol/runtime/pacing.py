@@ -35,7 +35,7 @@ PACING: Final = np.dtype(
         ("start", "<i8"),  # monotonic, ns
         ("ticks", "<i8"),  # number of ticks since start
         ("epoch", "<i8"),  # ns from the rig's time to the time of day
-        ("behind", "<i8"),  # 1: the last tick was a stall late
+        ("behind", "<i8"),  # 1: the last tick was late by a stall
         ("stall", "<i8"),  # ns by which the next tick is delayed, to simulate a stall
         ("mutex", "<i8"),  # address of the mutex
         ("eventfd", "<i8"),  # eventfd that signals new frames
@@ -102,7 +102,7 @@ class Pacing(NamedTuple):
         wake(int(self.record[0]["eventfd"]))
 
     def dated(self, block: Block) -> Block:
-        """Return ``block``, stamped with the rig's time, with the time of day instead."""
+        """Return a copy of ``block`` with the time of day in place of the rig's time."""
         dated = copied(block)
         dated["time"] += self.record[0]["epoch"]
         return dated
@@ -114,7 +114,7 @@ class Pacing(NamedTuple):
 
 @inlined
 def await_tick(pacing: Any) -> int:
-    """Sleep until the next tick is due and lock the mutex; return its lateness (ns)."""
+    """Sleep until the next tick is due, and lock the mutex; return the lateness (ns) of the tick."""
     p = pacing.record[0]
     p.ticks += 1
     deadline = p.start + p.ticks * _PERIOD

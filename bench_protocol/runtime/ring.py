@@ -16,13 +16,13 @@ _LOST: Final = 2
 
 
 class Ring(NamedTuple):
-    """Frames with their senders. Both sides lock the mutex, which is almost always free, and also orders memory
-    accesses.
+    """A ring buffer of frames and their senders. Both sides lock the mutex, which is almost always free, and also
+    orders memory accesses.
     """
 
     frames: Block
     senders: npt.NDArray[np.int64]
-    counts: npt.NDArray[np.int64]  #: frames written, read, and lost: when it is full, the oldest goes
+    counts: npt.NDArray[np.int64]  #: frames written, read, and lost: a full ring overwrites the oldest
 
     @classmethod
     def of(cls, size: int) -> "Ring":
@@ -56,7 +56,7 @@ def push(ring: Any, source: Any, first: int, last: int, sender: int) -> None:
 
 @_entry
 def fill(ring: Any, mutex: int, block: Any, sender: int) -> None:
-    """Write all of ``block``; ``mutex``: address of the mutex."""
+    """Write all frames of ``block`` to the ring; ``mutex``: address of the mutex."""
     thread = lock_yielding(mutex)
     push(ring, block, 0, block.size, sender)
     unlock_yielding(mutex, thread)
@@ -79,7 +79,7 @@ def take(ring: Any, out: Any, senders: Any) -> int:
 
 @_entry
 def drain(ring: Any, mutex: int, out: Any, senders: Any) -> int:
-    """Move the oldest frames to ``out``; return the number. ``mutex``: address of the mutex."""
+    """Move the oldest frames to ``out``, their senders to ``senders``; return the number. ``mutex``: its address."""
     thread = lock_yielding(mutex)
     count = take(ring, out, senders)
     unlock_yielding(mutex, thread)

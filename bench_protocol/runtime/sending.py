@@ -41,7 +41,7 @@ def send_all(descriptor: int, address: int, size: int, work: Any) -> int:
         instant = now(work)
         if instant > deadline:
             return _ETIMEDOUT
-        if error == _ENOBUFS:  # the queue of an interface: poll() knows nothing of it
+        if error == _ENOBUFS:  # the queue of an interface is full, which poll() does not report
             sleep_until(instant + _NAP, work)
         elif error == _EAGAIN:
             work[0] = descriptor | _POLLOUT << 32

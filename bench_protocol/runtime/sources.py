@@ -69,7 +69,7 @@ def _imported(module: str) -> frozenset[str]:
 
 
 def _without_documentation(code: Any) -> Any:
-    """Return the content of a constant or a code object: its instructions with all names and constants."""
+    """Return the content of a constant or a code object: its instructions, names and constants, without docstrings."""
     if not isinstance(code, CodeType):
         return sorted(map(repr, code)) if isinstance(code, frozenset) else code
     constants = [_without_documentation(constant) for constant in code.co_consts]
@@ -82,7 +82,7 @@ def _without_documentation(code: Any) -> Any:
 
 
 def _place_of_docstring(code: CodeType) -> int | None:
-    """Return the index of the docstring among the constants, if there is one; in a class, its name precedes it."""
+    """Return the index of the docstring among the constants, if any. In a class, the class name comes before it."""
     if code.co_flags & _FUNCTION:
         return 0 if code.co_consts and isinstance(code.co_consts[0], str) else None
     if "__doc__" not in code.co_names:

@@ -125,7 +125,7 @@ def _timed(log: _Log, line: Line) -> None:
 
 
 def _count_other_line(log: _Log, line: Line, word: str) -> bool:
-    """Count a line of a known kind that is not a frame; return whether ``line`` is of such a kind."""
+    """Count a line with an error, overload or event instead of a frame; return False for any other line."""
     low = word.lower()
     known = {"errorframe": ERRORS, "overloadframe": OVERLOAD, "statistic:": EVENTS}
     for begin, what in known.items():
@@ -158,8 +158,9 @@ def _classic(log: _Log, line: Line, words: list[str]) -> None:
 
 
 def _fd(log: _Log, line: Line, words: list[str]) -> None:
-    """Add a frame ``1 Rx  101  [name]  1 0 8  8 00 …  duration bits flags``: with BRS, ESI, DLC and length before the
-    data.
+    """Add a frame ``1 Rx  101  [name]  1 0 8  8 00 …  duration bits flags``.
+
+    The four numbers before the data are BRS, ESI, DLC and length.
     """
     if any(_count_other_line(log, line, word) for word in words[2:3]):
         return

@@ -1,4 +1,4 @@
-"""BLF, Vector's binary log, by python-can's reader; objects that it skips silently are counted here."""
+"""BLF, Vector's binary log: it is read by python-can, and objects that python-can skips are counted."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _READ: Final = frozenset(
 _BESIDE: Final = {2: ERRORS, 104: ERRORS, 3: OVERLOAD}
 _OTHERS: Final = "object(s) of other kinds than CAN frames"
 _LOGG: Final = b"LOGG"
-#: One object: containers have 128 KiB, and no message has as much.
+#: Limit for one object. A container has 128 KiB, a message less.
 _OBJECT_BYTES: Final = 64 << 20
 
 
@@ -108,7 +108,7 @@ class _Reader(blf.BLFReader):
             self.account.leave_out(EARLY)
 
     def _parse_data(self, data: bytes) -> Iterator[Message]:
-        """Count the objects that python-can skips, and return those it reads."""
+        """Yield the messages that python-can reads from ``data``, and count the objects that it skips."""
         place = data.find(b"LOBJ")
         while 0 <= place <= len(data) - _HEAD.size:
             _, _, version, length, kind = _HEAD.unpack_from(data, place)
@@ -125,8 +125,8 @@ class _Reader(blf.BLFReader):
 
 
 def _start(date: tuple[int, ...]) -> float:
-    """Return the start time of a log (s since 1970); 0 if missing. The milliseconds can be 1000, as some programs
-    write.
+    """Return the start time of a log (s since 1970); 0 if missing. Some programs write 1000 milliseconds, which is
+    accepted.
     """
     year, month, _, day, hour, minute, second, milliseconds = date
     try:

@@ -33,9 +33,9 @@ _SHOWN: Final = re.compile(
 _ERROR_FLAG: Final = 0x2000_0000
 _SWAPPED: Final = "`"
 _LENGTHS: Final = frozenset({*range(9), 12, 16, 20, 24, 32, 48, 64})
-#: Number of frames in rising order that occurs by chance in less than one log of five thousand.
+#: So many rising stamps are surely times: differences rise so often in fewer than one of 5000 logs.
 _SURE: Final = 8
-_LARGE: Final = 10**6 * 10**9  #: ns: no delta, and no time since the beginning of a log
+_LARGE: Final = 10**6 * 10**9  #: ns; a larger stamp is a time of day
 _MEANT: Final = "state --stamps absolute or --stamps delta"
 
 
@@ -46,15 +46,18 @@ class _Log:
     frames: Frames = field(default_factory=Frames)
     stamps: array[int] = field(default_factory=lambda: array("q"))  #: ns, of all lines that have one
     lines: array[int] = field(default_factory=lambda: array("q"))
-    of_frame: array[int] = field(default_factory=lambda: array("q"))  #: which stamp a frame has
-    padded: bool = False  #: 000.020000, as candump writes times that are not the time of day
+    of_frame: array[int] = field(default_factory=lambda: array("q"))  #: index of the stamp of each frame
+    padded: bool = False  #: a stamp has the form 000.020000, so it is not a time of day
     lengths: dict[Kind, int] = field(default_factory=dict)
     bare: str = ""  #: the first line without a stamp
-    lost: str = ""  #: the first one that has a stamp and is of an unknown form
+    lost: str = ""  #: the first line with a stamp and an unknown form
 
 
 def read_candump(path: Path, account: Account, kind: Stamps | None = None) -> Frames:
-    """Return the data frames of a candump. Raises CanLogError for stamps with an ambiguous meaning."""
+    """Return the data frames of a candump. ``kind``: the meaning of its time stamps, if known.
+
+    Raises CanLogError if the meaning is ambiguous.
+    """
     log = _Log(path, account)
     for line in lines_of(path, account):
         text = _COLOUR.sub("", line.text) if "\x1b" in line.text else line.text
@@ -84,7 +87,7 @@ def read_candump(path: Path, account: Account, kind: Stamps | None = None) -> Fr
 
 
 def _meaning(log: _Log, stamps: np.ndarray) -> Stamps:
-    """Return whether the stamps are times or time differences. Times increase; differences also decrease."""
+    """Return "absolute" for times, "delta" for time differences. Times only increase; differences also decrease."""
     if len(stamps) < 2 or int(stamps.max()) >= _LARGE:
         return "absolute"
     steps = np.diff(stamps)

@@ -27,7 +27,7 @@ class Kind(NamedTuple):
 
 
 class Frames:
-    """Frames of one log; ``unit`` is the unit of their places: lines or frames."""
+    """The frames of one log. ``unit`` states what their places count: lines or frames of the file."""
 
     def __init__(self, unit: str = "line") -> None:
         self.unit = unit
@@ -35,7 +35,7 @@ class Frames:
         self.kinds: dict[Kind, int] = {}
         self.times = array("q")  #: ns
         self.places = array("q")
-        self.which = array("l")  #: number of its kind
+        self.which = array("l")  #: index of the kind of each frame
         self._lengths = array("H")  # J1939 puts up to 1785 bytes together
         self._data = bytearray()
         self._order: np.ndarray | None = None

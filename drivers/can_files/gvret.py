@@ -16,7 +16,7 @@ _FLAGS: Final = {"true": True, "1": True, "false": False, "0": False}
 
 
 def is_gvret(path: Path) -> bool:
-    """Return whether a file begins with the head of such a log, whatever its name."""
+    """Return whether a file begins with the head of a GVRET log; its name does not matter."""
     try:
         first = next(lines_of(path, Account()), None)
     except CanLogError:
@@ -25,7 +25,7 @@ def is_gvret(path: Path) -> bool:
 
 
 def read_gvret(path: Path, account: Account) -> Frames:
-    """Return the data frames of a log. Raises CanLogError for a head that lacks a column."""
+    """Return the data frames of a log. Raises CanLogError if a column is missing."""
     lines, frames = lines_of(path, account), Frames()
     head = next(lines, None)
     names = [] if head is None else [name.strip() for name in head.text.split(",")]

@@ -1,4 +1,4 @@
-"""Frames in MDF 4 files of CANape, CANoe and small loggers, by python-can's reader; other content is counted here."""
+"""Frames in MDF 4 files of CANape, CANoe and small loggers: python-can reads them, and skipped content is counted."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def _open_or_none(kind: Any, path: Path) -> Any:
 
 
 def _check_groups(path: Path, mdf: Any, account: Account) -> None:
-    """Count skipped groups. Raises CanLogError for frames that cannot be assigned."""
+    """Count groups without CAN frames. Raises CanLogError for frames with an unknown bus or length of identifiers."""
     for number, group in enumerate(mdf.groups):
         names = {channel.name for channel in group.channels}
         if not group.channel_group.cycles_nr:

@@ -60,7 +60,10 @@ _UNIX: Final = 10**17  #: ns; earlier times do not count from 1970
 
 
 def frames_form(path: Path, dbc: bool) -> FileForm | None:
-    """Return the form of a log of frames; None for any other file, and for an MDF file without a ``dbc``."""
+    """Return the format of a log of CAN frames; None for any other file.
+
+    An MDF file counts as a log only with a ``dbc``, because it may have columns instead of frames.
+    """
     form = form_of(path, FORMS)
     return form if form is None or form.write is not None or form.recognises is not None or dbc else None
 
@@ -140,7 +143,7 @@ def _check_clock(path: Path, frames: Frames, account: Account) -> None:
 
 
 def _put_in_order(path: Path, frames: Frames, times: np.ndarray, account: Account) -> None:
-    """Sort frames that were written slightly late; frames of one identifier are never reordered."""
+    """Sort frames that were written slightly late. Raises CanLogError if frames of one identifier are out of order."""
     which = np.frombuffer(frames.which, np.dtype("l"))
     order = np.argsort(which, kind="stable")
     same = np.diff(which[order]) == 0

@@ -1,4 +1,4 @@
-"""Lines of a log, packed or not, in any charset, and error texts for lines that are not frames."""
+"""Reading of the lines of a log, compressed or not, in any charset, and names of lines that are not frames."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _PART: Final = 1 << 20
 
 
 class Line(NamedTuple):
-    """One line: its number, its text without the end, and whether it has an end."""
+    """One line: its number, its text without the line break, and whether it has a line break."""
 
     number: int
     text: str
@@ -57,7 +57,7 @@ class _Unpacked(gzip.GzipFile):
         self._path = path
 
     def read(self, size: int | None = -1) -> bytes:
-        """Read like a file; in small parts if the requested size exceeds the limit."""
+        """Return up to ``size`` bytes, or all. They are unpacked in parts, and the limit is checked after each."""
         return b"".join(self._read_parts(SAMPLES_BYTES if size is None or size < 0 else size))
 
     def _read_parts(self, size: int) -> Iterator[bytes]:
@@ -66,14 +66,14 @@ class _Unpacked(gzip.GzipFile):
             yield part
 
     def read1(self, size: int = -1) -> bytes:
-        """Read like a file."""
+        """Return bytes from one read. Raises Unfit if the limit is exceeded."""
         part = super().read1(size)
         check_expansion(self._path, self.tell())
         return part
 
 
 def opened(path: Path) -> BinaryIO:
-    """Open a log, and unpack gzip. Raises CanLogError for an unreadable or too long file."""
+    """Open a log for reading; gzip content is unpacked. Raises CanLogError for an unreadable or too long file."""
     with file_errors(path, CanLogError):
         check_size(path, SAMPLES_BYTES)
         with path.open("rb") as file:
@@ -128,13 +128,13 @@ def _peeked(path: Path, file: BinaryIO) -> bytes:
 
 
 def nanoseconds(text: str) -> int | None:
-    """Return a time in s as digits with a point, in ns without rounding; None for anything else."""
+    """Return the time in a text such as "12.345" (s) in whole ns, not rounded; None for any other text."""
     found = _STAMP.fullmatch(text)
     return int(found[1]) * 10**9 + int((found[2] or "").ljust(9, "0")) if found else None
 
 
 def hex_bytes(words: list[str], count: int) -> bytes | None:
-    """Return ``count`` bytes of two hexadecimal digits each; None if some are missing."""
+    """Return ``count`` bytes from ``words`` of two hexadecimal digits each; None if some are missing or invalid."""
     text = " ".join(words[:count])
     if len(words) < count or len(text) != max(3 * count - 1, 0) or text[2::3].strip():
         return None

@@ -140,7 +140,7 @@ def _add(
 
 
 def _count_other_type(log: _Log, line: Line, kind: str) -> None:
-    """Count a line of another type."""
+    """Count a line that is not a data frame, by its type."""
     low = kind.lower()
     if low == "rr":
         log.account.leave_out(REMOTE)
@@ -153,7 +153,7 @@ def _count_other_type(log: _Log, line: Line, kind: str) -> None:
 
 
 def _milliseconds(text: str) -> int | None:
-    """Return a time in ms as digits with a point, in ns without rounding."""
+    """Return the time in a text such as "12.345" (ms) in whole ns, not rounded; None for any other text."""
     whole, _, rest = text.partition(".")
     if not whole.isdigit() or (rest and not rest.isdigit()):
         return None

@@ -73,7 +73,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class Choices:
-    """The numbers of the rig by choice; the first number of a choice is written."""
+    """The rig's numbers for each choice. All of them are read as this choice, the first one is written."""
 
     numbers: Mapping[int, tuple[float, ...]]
 
@@ -197,7 +197,10 @@ def _unit(where: str, signal: Signal, unit: str) -> Unit:
 
 
 def _gain(where: str, gain: Number | str) -> tuple[float, str, str]:
-    """Return the number of a gain and its two units ("9.80665 N/kg": from kg to N); "" for missing units."""
+    """Return the number of a gain, and the units from and to which it converts; "" for missing units.
+
+    "9.80665 N/kg" gives 9.80665, "kg" and "N".
+    """
     number, _, units = gain.strip().partition(" ") if isinstance(gain, str) else (str(gain), "", "")
     into, _, of = units.strip().rpartition("/")
     try:

@@ -75,11 +75,10 @@ def open_described(rig: str, description: Description, ports: Ports | None = Non
 
 
 class DescribedWiring(Outlet):
-    """The wiring of ``rig`` by ``description``, over ``transports`` by name, which it closes.
+    """The wiring of ``rig`` that ``description`` states. It uses ``transports`` (by name), and closes them.
 
-    ``carrier`` is the transport of the signals without a line, if there is one. ``ports`` replace the
-    described ports of its transports. Raises WiringError for a point that a transport lacks or that cannot be
-    written.
+    ``carrier`` is the transport for signals without a line in the description, if there is one. ``ports`` replace the
+    described ports of its transports. Raises WiringError for a point that a transport lacks or that cannot be written.
     """
 
     def __init__(
@@ -125,7 +124,7 @@ class DescribedWiring(Outlet):
 
     @cached_property
     def outlet(self) -> Outlet:
-        """The receiver of set-points: the transport that runs the cycle itself if it takes all of them, else `send`."""
+        """The receiver of set-points: that of the carrier if the carrier takes all set-points, else this wiring."""
         alone = not self._description.setpoints and self._player is None
         return self.carrier.outlet if alone and self.carrier else self
 
@@ -145,7 +144,7 @@ class DescribedWiring(Outlet):
         self._clock, self._receive, self._failure = clock, receive, None
         self._streaming.open()
         deadline = clock.now() + round(within * NS)
-        reported_once = threading.Lock()  # held for good by the first connection that is lost
+        reported_once = threading.Lock()  # locked by the first connection that is lost, and never released
 
         def on_lost(name: str, reason: str) -> None:
             if reported_once.acquire(blocking=False):
@@ -188,7 +187,7 @@ class DescribedWiring(Outlet):
             self.capabilities = replace(self.capabilities, notes=notes)
 
     def _watching(self, receive: OnSamples) -> OnSamples:
-        """Return the receiver of samples: ``receive`` itself, unless the state is needed here as well."""
+        """Return ``receive``, or a function that also stores whether the rig is ACTIVE, if this is needed."""
         if self._player is None and not self._description.setpoints:
             return receive
         state = self.table.index["rig.state"]
@@ -240,7 +239,7 @@ class DescribedWiring(Outlet):
     # -- receiving -----------------------------------------------------------------------------------------------
 
     def _receive_points(self, prefix: str, time: int, points: Mapping[str, float]) -> None:
-        """Store points received from one transport at ``time`` (ns)."""
+        """Convert points received from one transport at ``time`` (ns) to samples, and publish them."""
         with self._lock:
             try:
                 samples = self._sources.samples(prefix, time, points)
@@ -316,7 +315,7 @@ class DescribedWiring(Outlet):
         return text or "unknown: the wiring has no [identity], so any rig with these points is accepted"
 
     def source(self, name: str) -> str:
-        """Return the points of a signal, or its place in the table."""
+        """Return as text the points of a signal, or its CAN message or register."""
         description = self._description
         if name in self._carried:
             return self._carrier.source(name)
@@ -395,7 +394,7 @@ class DescribedWiring(Outlet):
             self._points.write({point: number})
 
     def _send_orders(self, orders: Iterable[Order]) -> None:
-        """Write the orders of the wiring itself: actions of the table and points."""
+        """Trigger the actions and write the points of ``orders``, such as the orders after connecting."""
         for order in orders:
             for name in order.values:
                 if name in self._description.actions:
@@ -486,7 +485,7 @@ class _SignalNews:
 
 
 class Sources:
-    """The measurements and statuses of a description of which all points arrive without request.
+    """Converts received points to samples of those measurements and statuses whose points all arrive without request.
 
     ``stale`` returns for a point the age (s) above which it is stale, 0 if it is polled on request.
     """
@@ -505,7 +504,7 @@ class Sources:
                 self._by_point.setdefault(point, []).append(news)
 
     def samples(self, prefix: str, time: int, points: Mapping[str, float]) -> dict[int, float]:
-        """Return the new SI values by table row when ``points`` arrive, named without ``prefix``.
+        """Store ``points``, named without their ``prefix``, and return the new values (SI) by table row.
 
         A signal of several points is new when the last of them has arrived.
         """

@@ -51,9 +51,9 @@ def read_description(path: Path, table: Table) -> Description:
 def describe(
     content: Mapping[str, Any], where: Path, table: Table, under: str = "", *, whole: bool = False
 ) -> Description:
-    """Return the content of the keys ``content`` of the file ``where`` (``under`` one of its keys).
+    """Return the description in ``content``, the keys of the file ``where`` (below its key ``under``, if given).
 
-    All errors are raised at once. If ``whole``, they include those of its transports.
+    All errors are raised at once. If ``whole``, the transports are checked too.
     """
     head = f"{where}: {under}." if under else f"{where}: "
     called = _EARLIER if _EARLIER in content else "sequences"
@@ -104,7 +104,7 @@ class _Reader:
                 for signal in self._table.signals
                 if signal.name not in entries and not (player and signal.name.startswith(PLAYED))
             ]
-            # A transport of ours carries the signals of our own wires that have no line.
+            # A transport of kind astb carries all signals of our own messages and registers that have no line.
             carried = [name for name in unsaid if carrier and self._table[name].kind is not Kind.FURTHER]
             unmentioned = [name for name in unsaid if name not in carried]
             self._absent = dict.fromkeys(unmentioned, _NOT_MENTIONED) | self._absent

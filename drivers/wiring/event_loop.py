@@ -10,7 +10,7 @@ from typing import Any, Final, TypeVar
 from bench_protocol.units import s
 
 T = TypeVar("T")
-#: Time (s) for a loop to report a time-out; a loop that was stopped reports nothing.
+#: Additional time (s) for the loop to report its own time-out; a stopped loop reports nothing.
 _GRACE: Final = 1 * s
 
 

@@ -29,7 +29,7 @@ _UNARY: Final[dict[type[ast.unaryop], Callable[[float], float]]] = {
 }
 _CALLS: Final[dict[str, Callable[..., float]]] = {"min": min, "max": max, "abs": abs}
 _RIGHT: Final = "use numbers, names, + - * /, parentheses, min, max and abs"
-#: A wiring's expressions are short; one that is not would exhaust the stack.
+#: Longest text of an expression: a very long one would exhaust the stack.
 _LENGTH_MAX: Final = 500
 
 

@@ -58,7 +58,7 @@ class AllAtOnce:
 
     @contextmanager
     def next(self, where: str = "") -> Iterator[None]:
-        """Continue with further lines after an error, whose text begins with ``where``."""
+        """Collect a WiringError that is raised inside the block, with ``where`` before its text."""
         try:
             yield
         except WiringError as error:

@@ -123,10 +123,10 @@ class Description:
 
 
 def listening(description: Description) -> Description:
-    """Return ``description`` without periodic sending: heartbeats, streamed messages, orders on connecting.
+    """Return ``description`` for a client that only listens: without heartbeats, streamed messages and orders.
 
-    It never becomes the commander of a rig that has a lease. Of a user's own transport only the keys ``alive`` and
-    ``every`` are removed.
+    Such a client never becomes the commander of a rig that has a lease. For a user's own transport, only the keys
+    ``alive`` and ``every`` are removed.
     """
     transports = {name: _silent(table) for name, table in description.transports.items()}
     return replace(description, transports=transports, greetings=Greetings((), (), ()))

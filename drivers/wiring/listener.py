@@ -68,7 +68,7 @@ class Listener:
                 self.lose(f"a subscriber of {self._name} failed: {type(error).__name__}: {error}")
 
     def touch(self) -> None:
-        """Record that data arrived that contain no points."""
+        """Record the arrival of data without points."""
         with self._lock:
             if self._clock is not None:
                 self._came = self._clock.now()
@@ -100,7 +100,8 @@ class Listener:
         call: Callable[[], None],
         place: Callable[[Callable[[], None]], None] = lambda call: call(),
     ) -> None:
-        """Call ``call`` every ``period`` s on absolute deadlines until `close`. ``place`` decides where the call runs.
+        """Call ``call`` every ``period`` s on absolute deadlines until `close`. ``place`` receives the call, and
+        decides when it runs.
 
         Cycles that pass during a call are skipped. An exception would end the thread unnoticed. The connection
         therefore counts as lost, with the exception as the reason.

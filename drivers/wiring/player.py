@@ -24,11 +24,11 @@ from drivers.wiring.lines import PlayerLimits
 
 #: Time that the axis of a stopped program takes to return.
 RETURN: Final = 1 * s
-#: A wave of which fewer set-points are streamed in a cycle would be a staircase.
+#: Smallest number of set-points in one cycle of a wave; with fewer, the motion would have steps.
 POINTS_MIN: Final = 5
-#: Largest advance of a wave in a cycle of the set-points: one cycle may be missing, a stall is skipped.
+#: Largest advance of a wave (ns) from one set-point to the next: one may be missing, a longer stall is skipped.
 _STEP_MAX: Final = round(2 * NS / COMMAND_RATE)
-#: The control mode of the axis, its actuators, and the sign of each.
+#: By axis: the setting of its control mode ("" if it has none), and what it moves, each with its sign.
 _MOVES: Final[Mapping[str, tuple[str, Mapping[str, int]]]] = {
     "vertical": ("vertical.control", {"vertical_left": 1, "vertical_right": 1}),
     "roll": ("vertical.control", {"vertical_left": 1, "vertical_right": -1}),
@@ -98,11 +98,11 @@ class Player:
         self._waves: list[_Wave] = []
         self._kept: list[dict[str, float]] = []  # waves added for the next program
         self._last: int | None = None  # ns of the last cycle of the set-points
-        self._elapsed = 0  # ns of such cycles so far, without stalls
-        self._time: int | None = None  # ns of the last one in the program, in time elapsed
-        self._added: dict[int, float] = {}  # offset (SI) by table row in the last one
-        self._returning: dict[int, float] = {}  # the same at the time of the stop
-        self._stopped: int | None = None  # ns in time elapsed; None: at the next cycle
+        self._elapsed = 0  # ns, time played so far, without stalls
+        self._time: int | None = None  # ns, time played at the last cycle of the program
+        self._added: dict[int, float] = {}  # offset (SI) by table row in the last cycle
+        self._returning: dict[int, float] = {}  # offsets at the time of the stop
+        self._stopped: int | None = None  # ns, time played at the stop; None: set at the next cycle
 
     @property
     def busy(self) -> bool:
@@ -123,8 +123,8 @@ class Player:
     # -- actions -------------------------------------------------------------------------------------------------
 
     def add(self, modes: Mapping[str, float], setpoints: Floats, *, active: bool) -> None:
-        """Store the wave of the present settings; the next :meth:`run` starts all stored waves. Raises Refused as that
-        does.
+        """Store the wave of the present settings; the next :meth:`run` starts all stored waves. Raises Refused for the
+        same reasons.
         """
         with self._lock:
             if not active:
@@ -167,7 +167,7 @@ class Player:
             self._program = Program.HOLD
 
     def stop(self) -> None:
-        """End the program, whose axes return linearly within `RETURN`, or discard the waves added for the next one."""
+        """End the program; its axes return linearly within `RETURN`. If none runs, discard added waves."""
         with self._lock:
             if not self.busy:
                 if self._kept:
@@ -182,7 +182,8 @@ class Player:
     def advance(self, time: int, *, active: bool) -> dict[int, float]:
         """Advance the program to ``time`` (ns); return the offsets of the set-points (SI) by table row.
 
-        A bench that is no longer ACTIVE has no program: its set-points are taken over again before the next one.
+        If the bench is not ``active``, the program ends at once: a new start sets all set-points to the measured
+        values.
         """
         with self._lock:
             time = self._played(time)
@@ -243,9 +244,7 @@ class Player:
     def _heights_of(
         self, settings: Mapping[str, float], modes: Mapping[str, float], verb: str
     ) -> dict[int, float]:
-        """Return the amplitude (SI), by table row, of the set-points that its axis moves in the present control
-        mode.
-        """
+        """Return the amplitude (SI) of each set-point that the wave moves in the present control mode, by table row."""
         axis = AXES[round(settings["generator.axis"])]
         control, moved = _MOVES[axis]
         number = modes.get(control, math.nan) if control else CONTROL_MODES.index("displacement")
@@ -274,8 +273,8 @@ class Player:
         return heights
 
     def _refuse_steep(self, waves: Sequence[_Wave], verb: str) -> None:
-        """Raise Refused for waves that are too fast for a stream, or with peaks beyond the limits of ``[player]``
-        together.
+        """Raise Refused for a wave with too few set-points per cycle, or if the speeds of all waves together exceed the
+        limits of ``[player]``.
         """
         speeds: dict[int, float] = {}
         for wave in waves:

@@ -65,7 +65,7 @@ class SequenceReader:
         return Sequences(up, reset, rest, tuple(table.at_rest), air)
 
     def greetings(self) -> Greetings:
-        """Return the orders of the wiring itself: points, and actions of the table."""
+        """Return the orders after connecting, before disconnecting, and after writing settings: points and actions."""
         found = []
         for key in ("open", "close", "apply"):
             where, tables = f"{self._where}.{key}", getattr(self._keys, key)

@@ -17,7 +17,7 @@ from drivers.wiring.points import LOOK, Points
 class PointSettings:
     """The settings of the rig ``rig``, as listed in ``description``.
 
-    ``apply`` requests a rig that stages settings to put them in force.
+    ``apply`` puts written settings in force, on a rig that stages them.
     """
 
     def __init__(self, rig: str, description: Description, points: Points, apply: Callable[[], None]) -> None:
@@ -60,7 +60,7 @@ class PointSettings:
         self._known.update({name: values[name] for name in written})
 
     def _number(self, name: str, value: float) -> float | None:
-        """Return the number sent for a setting (SI), None for a fixed setting with that value."""
+        """Return the rig's number for ``value`` (SI) of a setting; None if the setting is fixed to this value."""
         setting, signal = self._settings[name], self._table[name]
         if setting.fixed is not None:
             if abs(value - setting.fixed) > 0.5 * signal.step:

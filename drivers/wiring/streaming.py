@@ -26,7 +26,8 @@ class Streaming:
     def __init__(self, rig: str, description: Description, transports: Mapping[str, Transport]) -> None:
         self._rig, self._description, self._transports = rig, description, transports
         table = description.table
-        #: Set-points that have no value until a command sets it. Those that are choices start with the first choice.
+        #: Table rows of the set-points that have no value until a command sets it. Those that are choices start with
+        #: the first choice.
         self._numeric: Final = [
             table.index[name]
             for name, one in description.setpoints.items()

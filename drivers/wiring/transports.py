@@ -75,8 +75,8 @@ def open_all(
 ) -> dict[str, Transport]:
     """Return all transports of the file ``where`` that have points, by name, not yet connected.
 
-    ``points`` are those in its lines: key, TRANSPORT.POINT, and whether it is written. Raises WiringError with all
-    invalid transports and all missing points.
+    ``points`` are the points that the lines of the file name: key, TRANSPORT.POINT, and whether it is written. Raises
+    WiringError with all invalid transports and all missing points.
     """
     found: dict[str, Transport] = {}
     with AllAtOnce() as wrong:
@@ -105,7 +105,7 @@ def open_all(
 
 
 def _require_listed(key: str, point: str, table: Mapping[str, Any]) -> None:
-    """Raise WiringError for a point that is missing in a transport that is invalid for another reason."""
+    """Raise WiringError if ``point`` is not listed in its transport, which is invalid for another reason."""
     transport, _, name = point.partition(".")
     listed = table.get("points")
     if table.get("kind") in _LISTING and isinstance(listed, Mapping) and name not in listed:

@@ -42,7 +42,9 @@ def user_function(where: str, path: Path, name: str, arguments: int) -> Combine:
 
 
 def find_function(where: str, path: Path, name: str) -> Callable[..., Any]:
-    """Return the function ``name`` of the file ``path``. Raises WiringError, which begins with ``where``."""
+    """Return the function ``name`` of the file ``path``. Raises WiringError, which begins with ``where``, if it is
+    missing.
+    """
     own = _functions_in(_load(f"{where} = {name!r}", path))
     if name not in own:
         raise WiringError(f"{where} = {name!r} is not a function of {path.name}; {did_you_mean(name, own)}")

@@ -38,9 +38,8 @@ _PRIORITY: Final = 5  #: above everything that computes, below a rig on the same
 
 
 def stale_limits(table: Table) -> Ints:
-    """Return for every table row the age (ns) above which it is stale.
-
-    0 for rows that CAN does not carry. Rows sent only on events never become stale, as the last event remains valid.
+    """Return for every table row the age (ns) above which its value is stale; 0 for rows that CAN does not carry. Rows
+    sent only on events never become stale, as the last event remains valid.
     """
     limits = np.zeros(len(table.signals), np.int64)
     for message in table.messages:
@@ -54,8 +53,8 @@ class AstbListener:
     """Decodes frames of the rig, and calls ``receive`` with the samples.
 
     ``stamps`` converts the time stamps of the frames to times of ``clock``; None if they use that clock already. With
-    ``stamps`` the age of a reading counts from its arrival. ``absent`` are signals with another place on this rig; the
-    rows of our table for them are ignored.
+    ``stamps`` the age of a reading counts from its arrival. ``absent`` are signals that this rig sends in another
+    place; values decoded for them are ignored.
     """
 
     def __init__(
@@ -130,7 +129,7 @@ class AstbOutlet(Outlet):
         self._encoder.bind(token)
 
     def send(self, values: Floats, time: int) -> None:
-        """Send a block by the port: in virtual time, and on buses without a wire for compiled code."""
+        """Encode ``values`` (SI, by table row) and send them through the port; used if compiled code cannot send."""
         self._port.send(self._encoder.encode(values, self._rows, time))
 
     def send_cyclic(self, stream: CyclicStream) -> Task | None:

@@ -34,7 +34,7 @@ _SINGLE: Final = struct.Struct(">f")
 _PROBE_REGISTERS: Final = 7
 #: Any value but 0 requests the lease.
 _ASK: Final = 1
-#: Read attempts for one block, which is constant within a step, and for several, between which a new step may begin.
+#: Number of attempts to read one block, and to read several blocks, between which a new step of the rig may begin.
 _READ_TRIES: Final = (3, 20)
 
 
@@ -55,7 +55,7 @@ def from_words(high: int, low: int) -> float:
 
 
 def other_map(map_hash: int, agreed: int, detail: str = "") -> MapMismatch | None:
-    """Return an error if ``map_hash`` is not the ``agreed`` one."""
+    """Return an error if ``map_hash`` is not the ``agreed`` one, else None."""
     if map_hash == agreed:
         return None
     return MapMismatch(
@@ -110,7 +110,7 @@ class AstbRegisters:
         Raises ``Refused`` if the rig rejects them. All values in the rig, also staged ones, are then unchanged.
         """
         with self._lock:
-            before = self.in_force()  # read each time, because the rig returns to rest by itself
+            before = self.in_force()  # read each time, because the rig may reset settings by itself
             self._stage(before, values)
             try:
                 self.act("action.apply")
@@ -124,7 +124,9 @@ class AstbRegisters:
                 raise Refused(f"the rig refused {request}: {reason}", refused.code) from None
 
     def _stage(self, known: Mapping[str, float], values: Mapping[str, float]) -> None:
-        """Write the registers from the first to the last of ``values``. The rig accepts or refuses them as a whole."""
+        """Write all registers from the first to the last of ``values`` in one request; others between them keep their
+        values.
+        """
         addresses = [self._holding[name].address for name in values]
         span = [r for r in self._holding.values() if min(addresses) <= r.address <= max(addresses)]
         words = [word for r in span for word in to_words(values.get(r.signal, known[r.signal]))]
@@ -148,7 +150,7 @@ class AstbRegisters:
             raise Refused(f"{name} was refused in the rig's present state: {reason}", refused.code) from None
 
     def _reason(self, refused: Refused, explain: Callable[[RigState], str]) -> str:
-        """Return the reason of a refusal by the state of the rig; otherwise the rig's answer."""
+        """Return as text why the rig refused a request: explained by its state if possible, else its answer."""
         text = ""
         if refused.code == DEVICE_FAILURE:
             with suppress(BenchError):
@@ -166,7 +168,7 @@ class AstbRegisters:
         return self._one_step(self._readings)
 
     def _one_step(self, readings: Sequence[Register]) -> dict[str, float]:
-        """Return ``readings`` (SI), with one request for each block that has some of them."""
+        """Return ``readings`` (SI) of one step of the rig, with one request for each block that has some of them."""
         spans = [
             span for span in self._spans if any(span[0] < reading.address < span[1] for reading in readings)
         ]
@@ -276,7 +278,9 @@ class AstbRegisters:
         self._lease([0])
 
     def holder(self) -> int:
-        """Return the lease as this connection sees it: its token, another number if others hold it, 0 if it is free."""
+        """Return the lease register: the token if this connection holds the lease, another number if another client
+        holds it, 0 if it is free.
+        """
         return self._port.read_holding(LEASE_ADDRESS, 1)[0]
 
     def holder_text(self) -> str:
@@ -293,7 +297,9 @@ class AstbRegisters:
         return f"{holder}, {where}"
 
     def watch(self, within: float) -> None:
-        """Set the watchdog: the rig holds the bench if no write follows ``within`` s (up to 10) of the last; 0: off."""
+        """Set the time limit of the watchdog to ``within`` s (up to 10; 0: off). If no write follows in time, the rig
+        holds the bench.
+        """
         self._commanding(lambda: self._port.write_registers(WATCHDOG_ADDRESS, [round(within / ms)]))
 
     def between_requests(self, call: Callable[[], None]) -> None:

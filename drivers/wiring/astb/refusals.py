@@ -13,7 +13,7 @@ from bench_protocol.table_signals import MEASUREMENTS
 from bench_protocol.units import bar
 from bench_protocol.words import CONTROL_MODES, LIVE_STATES, PROGRAM_STATES, STATES, WAVES_AT_ONCE
 
-#: Below this pressure the actuators may release the bolster, and a flange may be opened.
+#: Gauge pressures below which the actuators may release the bolster, and a flange may be opened.
 EMPTY: Final = 0.22 * bar
 FLANGE: Final = 0.3 * bar
 _CHAMBERS: Final = tuple(signal.name for signal in MEASUREMENTS if signal.group is Group.PRESSURE)
@@ -98,7 +98,7 @@ def action_refusal(name: str, rig: RigState) -> str:
 
 
 def settings_refusal(changed: Collection[str], rig: RigState) -> str:
-    """Return why the rig refuses settings of which ``changed`` are new, and how to correct it; "" if unknown."""
+    """Return why the rig refuses to change the settings ``changed``, and how to correct it; "" if unknown."""
     reasons = []
     if rig.program in ("RUN", "HOLD") and any(name in _CONTROLS for name in changed):
         how = "runs" if rig.program == "RUN" else "is held"
@@ -115,7 +115,10 @@ def settings_refusal(changed: Collection[str], rig: RigState) -> str:
 
 
 def _blocked_change(rig: RigState, pressure_max: float) -> str:
-    """Return why a change at the springs, under the bolster, is refused."""
+    """Return why plates, pipes or shims cannot be changed now.
+
+    ``pressure_max``: gauge pressure (Pa) from which on a change is refused.
+    """
     if rig.state in _ENGAGED:
         return f"the bench is in {rig.state}, so the actuators hold the bolster; disarm the bench first"
     measured = {name: rig.readings.get(name, math.nan) for name in _CHAMBERS}

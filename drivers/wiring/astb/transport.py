@@ -67,7 +67,7 @@ class WatchdogFeeder:
         self._task = clock.every(_PERIOD, lambda: self._registers.between_requests(self._feed))
 
     def stop(self) -> None:
-        """Stop feeding it."""
+        """Stop feeding the watchdog."""
         if self._task is not None:
             self._task.cancel()
             self._task = None
@@ -191,7 +191,7 @@ class AstbTransport:
         self.watchdog.start(clock)
 
     def subscribe(self, receive: OnSamples, silent: Collection[str]) -> None:
-        """Start to receive samples, except of the signals ``silent``."""
+        """Start to receive samples, except those of the signals ``silent``."""
         stamps = None if isinstance(self._clock, VirtualClock) else StampClock()
         self._listener = AstbListener(self._table, self._clock, stamps, receive, silent)
         self.can.on_lost(lambda reason: self._lost(_bus_lost(reason)))

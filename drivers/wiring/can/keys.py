@@ -39,18 +39,20 @@ class MessageKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
     id: Annotated[int, Meta(ge=0)] | None = None  #: of a message that no DBC describes
     extended: bool | None = None  #: its identifier has 29 bits
-    length: Annotated[int, Meta(ge=0)] | None = None  #: its bytes, 8 where nothing is said
-    every: str | None = None  #: how often it is sent; without it, when it is written
-    stale: str | None = None  #: after how long without it its points are stale
+    length: Annotated[int, Meta(ge=0)] | None = None  #: number of bytes; default 8
+    every: str | None = None  #: period of sending; default: sent when it is written
+    stale: str | None = None  #: time without the message after which its points are stale
     counter: str | None = None  #: the signal that counts its frames
-    counter_period: Annotated[int, Meta(ge=2)] | None = None  #: after how many frames the counter is 0 again
+    counter_period: Annotated[int, Meta(ge=2)] | None = (
+        None  #: number of frames after which the counter restarts at 0
+    )
     checksum: dict[str, Any] | None = None
-    values: dict[str, float] = {}  #: of signals that are sent with it and that no one writes
-    source: Annotated[int, Meta(ge=0, le=0xFD)] | None = None  #: J1939: who sends it
+    values: dict[str, float] = {}  #: constant values of signals that nothing else writes
+    source: Annotated[int, Meta(ge=0, le=0xFD)] | None = None  #: J1939: address of the sender
 
 
 class CommonKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """The keys under ``[transports.NAME.messages."*"]``: for all messages that have such signals."""
+    """The keys under ``[transports.NAME.messages."*"]``: defaults for all messages that have these signals."""
 
     counter: str | None = None
     checksum: dict[str, Any] | None = None
@@ -66,9 +68,9 @@ class SignalKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True, rename
     is_float: bool = False  #: IEEE 754 in 16, 32 or 64 bits
     scale: float = 1.0
     offset: float = 0.0
-    page: int | None = None  #: it is there when the selector has this value
-    selector: bool = False  #: it states which page is sent
-    #: The raw values that mean "not available"; those that the DBC names so, where nothing is said.
+    page: int | None = None  #: value of the selector in frames that have this signal
+    selector: bool = False  #: the value of this signal states the page
+    #: The raw values that mean "not available"; default: those that the DBC names so.
     null: float | list[float] | None = None
 
 

@@ -46,7 +46,7 @@ class Message:
     )  #: bits of a frame with only the checksum, by its value
 
     def begin(self) -> None:
-        """Reset the state of an earlier connection."""
+        """Reset values, counters and times for a new connection."""
         self.values, self.count, self.last_counter, self.when = dict(self.given), -1, -1, -1
         self.source, self.source_when = self.keys.source, -1
 
@@ -68,7 +68,7 @@ class Message:
 
     @property
     def guards(self) -> set[str]:
-        """Signals that the transport sets itself."""
+        """The signals that the transport sets itself: counter and checksum."""
         own = {self.keys.counter, self.keys.checksum["signal"] if self.keys.checksum else None}
         return {name for name in own if name}
 
@@ -80,7 +80,7 @@ class Message:
 
     @property
     def sendable(self) -> bool:
-        """Whether its pages have one level. Nested pages cannot be written."""
+        """Whether the message can be sent: its pages must not be nested."""
         return sum(signal.is_multiplexer for signal in self.coding.signals) <= 1
 
     def unreadable(self, signal: str) -> str:
@@ -91,7 +91,7 @@ class Message:
         return f"{self.name} has two signals of this name" if twice else ""
 
     def pages(self) -> list[int]:
-        """Return its page numbers; none without pages."""
+        """Return its page numbers, which are values of the selector; none without pages."""
         return sorted({page for signal in self.coding.signals for page in signal.multiplexer_ids or ()})
 
     def page_of(self, signal: str) -> int | None:
@@ -140,7 +140,7 @@ class Message:
         return bits & mask == _shifted(self._place(self.checksum(self.identifier, bare)), more)
 
     def _place(self, checksum: int) -> int:
-        """Return the bits of a frame in which only the checksum is set, to ``checksum``."""
+        """Return a frame, as an integer, that has ``checksum`` in its place and 0 in all other bits."""
         bits = self._placed.get(checksum)
         if bits is None:
             assert self.checksum_coding is not None and self.keys.checksum is not None

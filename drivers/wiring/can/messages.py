@@ -108,7 +108,7 @@ def _check_common(where: str, common: CommonKeys, codings: Mapping[str, Coding])
 
 
 def _with_common(keys: MessageKeys, common: CommonKeys, coding: Coding) -> MessageKeys:
-    """Return the keys of a message, completed with the common keys of all messages that have such signals."""
+    """Return the keys of a message. If it has no counter or checksum key, but such a signal, the common key is used."""
     names = {signal.name for signal in coding.signals}
     changes: dict[str, Any] = {}
     if keys.counter is None and common.counter in names:
@@ -220,8 +220,9 @@ def _check_points(
 def _same_identifiers(
     where: str, codings: Mapping[str, Coding], described: Mapping[str, Described]
 ) -> dict[str, str]:
-    """Return why messages of the DBC with equal identifiers cannot be used. Raises WiringError if one is described
-    here.
+    """Return by name why messages of the DBC with equal identifiers cannot be used.
+
+    Raises WiringError if one of them is described in the wiring file.
     """
     seen: dict[tuple[int, bool], str] = {}
     refused: dict[str, str] = {}
@@ -290,7 +291,7 @@ def _message(
 
 
 def _raw_null(where: str, signal: Signal, null: float) -> float:
-    """Return the value that a signal holds for ``null``: a 32-bit float holds only the nearest one to -999.9."""
+    """Return ``null`` as the signal stores it: a 32-bit float stores only the number nearest to -999.9."""
     if signal.conversion.is_float:
         letter = {16: ">e", 32: ">f"}.get(signal.length, ">d")
         try:
@@ -360,7 +361,7 @@ def _require_signal(where: str, signal: str, names: Iterable[str]) -> None:
 
 
 def _limits(signal: Signal) -> tuple[float, float]:
-    """Return the smallest and the largest number that a signal can carry and may have."""
+    """Return the smallest and the largest number of a signal, by its bits and its limits in the DBC."""
     if signal.conversion.is_float:
         low, high = -math.inf, math.inf
     else:

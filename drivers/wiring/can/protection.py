@@ -16,7 +16,7 @@ from bench_protocol.suggestion import did_you_mean
 from drivers.errors import WiringError
 from drivers.wiring.user_functions import find_function
 
-#: Returns the checksum of a frame: its identifier, and its data with the checksum's own bits 0.
+#: Function that returns the checksum of a frame. Arguments: identifier, and data in which the checksum is 0.
 Checksum = Callable[[int, bytes], int]
 SCHEMES: Final = ("sum8", "xor8", "e2e_p1", "function:NAME")
 E2E_COUNTER_PERIOD: Final = 15
@@ -25,11 +25,11 @@ E2E_COUNTER_PERIOD: Final = 15
 class ChecksumKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """A checksum over all bytes of a frame."""
 
-    signal: str  #: where it stands
+    signal: str  #: signal with the checksum
     scheme: str  #: sum8 | xor8 | e2e_p1 (AUTOSAR profile 1) | function:NAME of the description's Python file
     data_id: int | None = None  #: of e2e_p1
-    start: int = 0  #: what sum8 and xor8 begin with
-    identifier: bool = False  #: sum8 and xor8 take the identifier's bytes (4, or 2 of a standard one) as well
+    start: int = 0  #: initial value of sum8 and xor8
+    identifier: bool = False  #: sum8 and xor8 include the identifier (4 bytes, or 2 if it has 11 bits)
 
 
 def checksum(where: str, keys: ChecksumKeys, extended: bool, functions: Path | None) -> Checksum:

@@ -65,7 +65,10 @@ class Reception:
         return found
 
     def _from_its_source(self, message: Message, identifier: int, exact: bool, time: int) -> bool:
-        """Return whether a frame comes from the accepted source, because two sources of one group are two devices."""
+        """Return whether a frame comes from the accepted source address; another address is another device.
+
+        Without a stated address, the first source is accepted until it stops.
+        """
         source = j1939.source_of(identifier)
         if message.keys.source is not None:
             return source == message.keys.source
@@ -111,6 +114,8 @@ class Reception:
 
 
 def _message_of_group(group: list[Message]) -> Message | None:
-    """Return the message of all frames of a group: the only one, or the only one without a source address."""
+    """Return the message of all frames of a group: the only one, or the only one without a source address. None if
+    there is no such message.
+    """
     anybody = [one for one in group if j1939.source_of(one.coding.frame_id) == j1939.NOBODY]
     return group[0] if len(group) == 1 else anybody[0] if len(anybody) == 1 else None

@@ -127,7 +127,7 @@ class CanTransport(Transport):
         self._lock = threading.RLock()
         self._port: CanPort | None = None
         self._clock: Clock | None = None
-        self._stamps: StampClock | None = None  # in virtual time, stamps use the clock of the bench
+        self._stamps: StampClock | None = None  # None in virtual time: stamps use the clock of the bench
         self._turns: dict[str, int] = {}
 
     def _check_burst(self, place: str, first: str) -> None:
@@ -170,7 +170,9 @@ class CanTransport(Transport):
         return self._reception.remarks()
 
     def stamp(self, name: str) -> Stamp | None:
-        """Return the clock that stamps the message of a point; None in memory, where it is the bench's clock."""
+        """Return the clock that stamps the message of a point; None for a bus in memory, which uses the clock of the
+        bench.
+        """
         clock = getattr(self._port, "stamped_by", None)
         if clock is None:
             return None
@@ -315,8 +317,9 @@ class CanTransport(Transport):
                 self._decode(message, payload(record), self._sampled(message, time))
 
     def _sampled(self, message: Message, time: int) -> int:
-        """Return the sampling time of a message received at ``time``. A rig samples all signals together, then sends
-        their frames. If the first message of a burst is known, a long burst is not split in two.
+        """Return the sampling time (ns) of a message received at ``time``: the time of the first message of its burst.
+        A rig samples all signals together, then sends their frames. If the first message of a burst is known, a long
+        burst is not split in two.
         """
         if 0 <= time - self._burst_began < self._burst and message.name != self._keys.burst_begins:
             return self._burst_began
@@ -401,7 +404,7 @@ class CanTransport(Transport):
                 self._send([message.encode(page)], [message])
 
     def stream(self, points: Mapping[str, float], time: int) -> None:
-        """Take the present value of points that are sent at the rate of their message; NaN keeps the previous value."""
+        """Store values of points for the next frames of their messages; NaN keeps the previous value."""
         taken = self._taken({name: value for name, value in points.items() if not math.isnan(value)})
         self._listener.check()
         with self._lock:

@@ -19,8 +19,8 @@ from drivers.wiring.modbus.registers import ByteOrder, WordOrder
 if TYPE_CHECKING:
     from drivers.modbus_port import ModbusPort
 
-#: Which functions a device is written with: 5 and 6, 15 and 16, or what it takes. In parts: 5 and 6, and a number of
-#: several registers one after the other. Combined: registers by 23, which reads and writes.
+#: Modbus functions for writing. "single": 5 and 6. "multiple": 15 and 16. "any": detected by trial. "parts": 5 and 6,
+#: also one after the other for a number of several registers. "combined": 23 for registers, which writes and reads.
 Writes = Literal["any", "single", "multiple", "parts", "combined"]
 #: Hint in an error where one request cannot write a number of several registers.
 IN_PARTS: Final = (

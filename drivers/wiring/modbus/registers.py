@@ -39,7 +39,7 @@ _FORMATS: Final = {
     "uint64": ("Q", 4),
     "float64": ("d", 4),
 }
-#: Number of bits that a device accepts for each register that it accepts.
+#: A request may have this many bits for each register of the largest request.
 BITS_PER_REGISTER: Final = 16
 _SINGLE_MAX: Final = (2.0 - 2.0**-23) * 2.0**127
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_.]*")
@@ -50,14 +50,14 @@ class PointKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
     table: TableName
     address: Annotated[int, Meta(ge=0, le=0xFFFF)]  #: of the first register, 0-based
-    type: TypeName | None = None  #: uint16, and bit for coils and discrete inputs, where nothing is said
+    type: TypeName | None = None  #: default: uint16; bit for coils and discrete inputs
     bit: Annotated[int, Meta(ge=0, le=15)] | None = None  #: of a word, 0 is the lowest
-    bits: Annotated[int, Meta(ge=1, le=16)] = 1  #: so many from there on, as one number
+    bits: Annotated[int, Meta(ge=1, le=16)] = 1  #: number of bits from ``bit`` on, as one number
     length: Annotated[int, Meta(ge=1, le=REGISTERS_READ_MAX)] | None = None  #: of a text, in registers
     scale: float = 1.0
     offset: float = 0.0
-    null: float | list[float] | None = None  #: what the registers hold when there is no value
-    group: str = ""  #: in which it is read all the time; without one it is read when asked
+    null: float | list[float] | None = None  #: register value without a measurement
+    group: str = ""  #: group in which it is polled; default: read on request
     word_order: WordOrder | None = None
     byte_order: ByteOrder | None = None
 
@@ -82,7 +82,7 @@ class RegisterPoint:
 
     @property
     def end(self) -> int:
-        """The address behind the point."""
+        """The address after the point."""
         return self.address + self.size
 
     @property
@@ -101,7 +101,7 @@ class RegisterPoint:
         return self.type == "bit" and self.table not in _BITS
 
     def decode(self, words: Sequence[int]) -> float:
-        """Return the number in ``words`` (``size`` of them, or one bit); NaN for none."""
+        """Return the number in ``words`` (``size`` of them, or one bit); NaN for a value in ``null``."""
         if self.table in _BITS:
             return float(bool(words[0]))
         if self.type == "bit":
@@ -267,7 +267,7 @@ def _point(
 
 
 def _held(place: str, point: RegisterPoint, code: float) -> float:
-    """Return the number that the registers hold for ``code``: a float32 holds only the nearest one to -999.9."""
+    """Return ``code`` as the registers store it: a float32 stores only the number nearest to -999.9."""
     low, high = replace(point, scale=1.0, offset=0.0).range()
     if point.type in ("float32", "float64"):
         if math.isfinite(code) and not low <= code <= high:
@@ -364,7 +364,10 @@ _TRIED_MAX: Final = 32
 
 
 def explained(span: Span, error: BenchError, read: Read, gap: int) -> BenchError:
-    """Return ``error``, from a request for ``span``, with the reason found by smaller requests."""
+    """Return ``error``, raised by a request for ``span``, with a hint that smaller requests have found.
+
+    The hint states which points the device refuses, or how many registers it accepts in one request.
+    """
     if span.count == 1 or (isinstance(error, Refused) and error.code not in (ILLEGAL_ADDRESS, ILLEGAL_VALUE)):
         return error
     points = span.points[:_TRIED_MAX]

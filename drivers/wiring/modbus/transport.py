@@ -80,11 +80,11 @@ if TYPE_CHECKING:
 _STALE_PERIODS: Final = 3
 _STALE_MIN: Final = 200 * ms
 _BUSY: Final = 6
-#: A device, or the gateway before it, that cannot answer now: its work takes time, it is busy, it was not reached.
+#: Exception codes of a device or gateway that cannot answer now: it still works, is busy, or does not reach the device.
 _NOT_NOW: Final = frozenset({5, _BUSY, 0x0A, 0x0B})
 _AGAIN: Final = round(20 * ms * NS)
 _COUNTED: Final = {"silent": "got no answer", "refused": "were refused", "busy": "met a busy device"}
-#: The codes as any device means them; ours says with one of them that it has another commander.
+#: Meaning of the exception codes for any device. Only our rig uses code 6 for "another client is the commander".
 _MEANING: Final = {**MEANING, _BUSY: "the device is busy"}
 
 
@@ -123,8 +123,8 @@ class ModbusTransport(Transport):
             if self._points[alive.point].type == "string":
                 raise WiringError(f"{where}.alive: point = {alive.point!r} is a text; use a number or a bit")
             self._alive = alive.point, duration(f"{where}.alive: every", alive.every)
-        #: Counts of requests: all, polls, without an answer, refused, and met by a busy device. Also of
-        #: answers that were discarded, because they arrived too late.
+        #: Counts of requests (all, polls, without an answer, refused, device busy), and of late answers that were
+        #: discarded.
         self.counts = {"requests": 0, "polls": 0, "silent": 0, "refused": 0, "busy": 0, "discarded": 0}
         self._rounds: dict[str, float] = {}  # s, time to read a group
         self._listener, self._grant, self._buffer = Listener(self._where), Grant(), WriteBuffer()
@@ -229,7 +229,7 @@ class ModbusTransport(Transport):
             self._recur(self._alive[1], self._count)
 
     def _poll_first_time(self, span: Span, gap: int) -> None:
-        """Read a request of a group for the first time; an error contains the reason of the device."""
+        """Poll ``span`` for the first time; an error has a hint that smaller requests have found."""
         try:
             self._poll(span, patient=True)
         except BenchError as error:
@@ -350,7 +350,9 @@ class ModbusTransport(Transport):
         self._in_background({name: self._cycles % (min(high, 65535.0) + 1)})
 
     def _in_background(self, values: Mapping[str, float], before: Refusal | None = None) -> Refusal | None:
-        """Write ``values``; return the rejection by the device, ``before`` without a new answer, None if accepted."""
+        """Write ``values`` once. Return None if the device accepts them, its rejection, or ``before`` without an
+        answer.
+        """
         try:
             self.write(values, patient=False)
         except Refused as refused:
@@ -367,9 +369,10 @@ class ModbusTransport(Transport):
         return self._clock.now()
 
     def _send_request(self, request: Callable[[ModbusPort], Any], *, patient: bool = False) -> Any:
-        """Return the answer to ``request``. After the patience has elapsed, report the loss and raise LinkLost.
+        """Return the answer to ``request``. Raises LinkLost without one, and reports the loss after a silence of
+        ``patience``.
 
-        If ``patient``, the request to a busy device is repeated until then.
+        If ``patient``, the request to a busy device is repeated for the same time.
         """
         self._listener.check()
         assert self._port is not None
@@ -398,7 +401,7 @@ class ModbusTransport(Transport):
             return reply
 
     def remarks(self) -> list[Remark]:
-        """Return remarks on unexpected behaviour of the device, with whether data are lost by it."""
+        """Return remarks on unexpected behaviour of the device, each with whether data are lost."""
         counts = self.counts
         sent = counts["requests"]
         found = [

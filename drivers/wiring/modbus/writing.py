@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from drivers.modbus_port import ModbusPort
 
 Coded = list[tuple[RegisterPoint, list[int]]]
-#: Settings with which the functions for coils are found by trying.
+#: Values of the key ``writes`` with which the functions for coils are found by trial.
 _FIND_OUT: Final = ("any", "combined")
 Ask = Callable[[Callable[["ModbusPort"], Any]], Any]
 
@@ -30,7 +30,7 @@ class Writer:
         self._combined = writes == "combined"
 
     def write(self, coded: Coded, ask: Ask) -> None:
-        """Write points with their words, in the order given."""
+        """Write ``coded``, points with their register values, in this order; ``ask`` sends one request."""
         for run in self._runs(coded):
             first = run[0][0]
             words = [word for _, part in run for word in part]

@@ -26,8 +26,8 @@ _MISSING_MAX: Final = 3
 class Reports:
     """The values of a subscription, each with the time at which the server sent or confirmed it.
 
-    ``names`` are the points by node, ``number`` decodes the value of one. Changes arrive in the thread of the event
-    loop; all other methods are called by one thread.
+    ``names`` are the points by node, ``number`` decodes a value. Changes arrive in the thread of the event loop; all
+    other methods are called by one thread.
     """
 
     def __init__(
@@ -94,7 +94,9 @@ class Reports:
         return self._every if one is None else max(self._every, one.period, one.sampling)
 
     def drain(self) -> list[tuple[int, dict[str, float]]]:
-        """Return the values since the last call, in order; unchanged ones have the time of their confirmation."""
+        """Return times (ns) and values since the last call, in order; unchanged values have the time of their
+        confirmation.
+        """
         with self._lock:
             news, self._news = self._news, []
             published = self._published
@@ -133,7 +135,7 @@ class Reports:
         self._drops, self._missing = self._drops + 1, self._missing + silence
 
     def remarks(self) -> list[Remark]:
-        """Return remarks on unexpected behaviour of the server, with whether data are lost by it."""
+        """Return remarks on unexpected behaviour of the server, each with whether data are lost."""
         found = []
         if self._drops:
             text = f"the server dropped the subscription {self._drops} times; no values came for {self._missing:.2g} s"

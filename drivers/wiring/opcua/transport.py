@@ -320,7 +320,7 @@ class OpcUaTransport(Transport):
     def stream(self, points: Mapping[str, float], time: int) -> None:
         """Take values that are written with the next period; NaN keeps the previous value.
 
-        Raises ValueError for a value that does not fit, once the first write has read the type of its variable.
+        Raises ValueError for a value that does not fit. This is checked after the first write, which reads the type.
         """
         self._listener.check()
         news = {name: value for name, value in points.items() if not math.isnan(value)}
@@ -405,7 +405,7 @@ class OpcUaTransport(Transport):
         return self._buffer.refusal
 
     def remarks(self) -> list[Remark]:
-        """Return remarks on unexpected behaviour of the server, with whether data are lost by it."""
+        """Return remarks on unexpected behaviour of the server, each with whether data are lost."""
         return [] if self._reports is None else self._reports.remarks()
 
     def _in_background(self, values: Mapping[str, float], before: Refusal | None = None) -> Refusal | None:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Final
 import msgspec
 from msgspec import Meta
 
-#: Status codes with which a value never arrives, as text.
+#: Status codes of nodes that never have a value, with the reason as text.
 NEVER: Final = {
     "BadNodeIdUnknown": "the server has no such node",
     "BadNodeIdInvalid": "the server has no such node",
@@ -53,7 +53,9 @@ class NodeKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         return self.scale * raw + self.offset if isinstance(raw, int | float) else math.nan
 
     def raw(self, name: str, value: float, kind: str) -> float | bool:
-        """Return ``value`` of the point ``name`` for a variable of ``kind``. Raises ValueError if it does not fit."""
+        """Return the server's number for ``value`` of the point ``name``, whose variable has the type ``kind``. Raises
+        ValueError if it does not fit.
+        """
         raw = (value - self.offset) / self.scale
         if kind == "Boolean":
             if value not in (0.0, 1.0):
@@ -76,7 +78,7 @@ class NodeKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
         return raw if letter in "fd" else round(raw)
 
     def never(self, raw: Any) -> str:
-        """Return why such a value can never be a value of this point; "" if it can."""
+        """Return why a server value like ``raw`` can never give a number for this point; "" if it can."""
         if raw is None:  # nothing has come yet
             return ""
         if isinstance(raw, list):
