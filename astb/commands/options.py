@@ -129,7 +129,7 @@ def simulated(
 def pairs(texts: Iterable[str], wrong: str, *, option: str = "") -> dict[str, str]:
     """Return the values of texts NAME=VALUE, by name.
 
-    A text without "=" ends the command with the message ``wrong``, and so does a repeated name.
+    A text without "=" ends the command with the message ``wrong``. A repeated name also ends the command.
     """
     found: dict[str, str] = {}
     for text in texts:

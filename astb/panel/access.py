@@ -44,9 +44,9 @@ class NotAllowed(Exception):
 
 
 class Doorkeeper:
-    """An ASGI middleware.
+    """An ASGI middleware that passes only requests to this machine, by one of its names or an IP address.
 
-    It passes only requests with a host name of this machine, and no changes from pages of other servers.
+    Requests for changes, and WebSockets, from pages of other servers are refused.
     """
 
     def __init__(self, app: ASGIApp, host: str, names: Collection[str] = ()) -> None:
