@@ -1,1 +1,1 @@
-"""The results of a run: the record of every sample, the result of every check, and the report."""
+"""The results of a run: the record of all samples, the results of the checks, and the report."""

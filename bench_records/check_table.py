@@ -1,4 +1,4 @@
-"""The table of checks: each value with its limits, and a drawing of its position in the band."""
+"""The table of checks: each value with its limits, and a drawing of the value between its limits."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SIGNS = {
 
 
 class CheckRow(NamedTuple):
-    """The texts of a check in the table."""
+    """The texts of one check in the table."""
 
     check: Check
     name: str
@@ -47,14 +47,14 @@ class CheckRow(NamedTuple):
 
 
 class Meaning(NamedTuple):
-    """The quantity that checks of one kind measure, and its purpose."""
+    """The names of the checks of one kind, and a sentence on what they measure and why."""
 
     names: str
     about: str
 
 
 class Bar(NamedTuple):
-    """A range bar in drawing units: the band, its marginal ends, and the position of the value."""
+    """A range bar in drawing units: the band between the limits, its marginal zones, and the position of the value."""
 
     left: float
     right: float
@@ -85,7 +85,7 @@ def check_rows(checks: list[Check]) -> list[CheckRow]:
 
 
 def meanings(checks: list[Check]) -> list[Meaning]:
-    """Return quantity and purpose of the checks, each sentence once, in the order of the checks."""
+    """Return what the checks measure and why, each sentence once, in the order of the checks."""
     named: dict[str, dict[str, None]] = {}
     for one in checks:
         if one.about:
@@ -99,9 +99,10 @@ def _join_names(names: list[str]) -> str:
 
 
 def _numbers_with_limits(one: Check) -> list[str]:
-    """Return value, low and high in the check's unit, all with the number of digits that distinguishes them.
+    """Return value, lower and upper limit as texts in the check's unit.
 
-    The resolution is a hundredth of the band. More digits would show noise, fewer could hide the verdict.
+    The resolution of the limits is about a hundredth of the band. More digits would show noise, and fewer could hide
+    the verdict. The value has the same decimals, or those of its uncertainty if it is known.
     """
     numbers = [math.nan if n is None else n / one.scale for n in (one.number, one.low, one.high)]
     known = [n for n in numbers if math.isfinite(n)]
@@ -127,7 +128,7 @@ def _numbers_with_limits(one: Check) -> list[str]:
 
 
 def _grouped(text: str) -> str:
-    """Return a number in the typography of the table, with the same digits."""
+    """Return a number in the typography of the table, with the same number of digits."""
     return fixed(float(text), len(text.partition(".")[2]))
 
 
@@ -139,8 +140,8 @@ def _detail(one: Check) -> str:
 
 
 def certainty(one: Check) -> str:
-    """Return the probability of conformity and the two largest causes of uncertainty, or why there is no
-    uncertainty.
+    """Return a text with the probability of conformity and the largest causes of uncertainty, or with the reason why
+    there is no uncertainty.
     """
     if one.without and math.isfinite(one.number):
         return f"no uncertainty: {one.without}"
@@ -151,8 +152,8 @@ def certainty(one: Check) -> str:
 
 
 def _causes(parts: Mapping[str, float], u: float) -> str:
-    """Return the causes of an uncertainty ``u``: the largest share of the variance, and the second if it is
-    significant.
+    """Return a text with the largest causes of an uncertainty ``u``. The second cause is left out if the first one
+    dominates.
     """
     shares = sorted(((part / u) ** 2, cause.replace("_", " ")) for cause, part in parts.items())[::-1]
     if not shares:
@@ -167,7 +168,7 @@ def _causes(parts: Mapping[str, float], u: float) -> str:
 
 
 def range_bar(one: Check) -> Bar:
-    """Return the bar of a check. The band fills the middle; without a limit it continues to the edge."""
+    """Return the bar of a check. The band is in the middle; on a side without a limit it continues to the edge."""
     margin = one.guard
     if one.low is not None and one.high is not None:
         width = one.high - one.low or abs(one.high) or 1.0
@@ -203,7 +204,7 @@ def range_bar(one: Check) -> Bar:
 
 
 def bar_drawing(row: CheckRow) -> Any:
-    """Return the range bar as an SVG element, made without matplotlib because a page has dozens of them."""
+    """Return the range bar as an SVG element. It is made without matplotlib because a page has dozens of bars."""
     from markupsafe import Markup
 
     bar, middle = row.bar, BAR_HEIGHT / 2
@@ -249,7 +250,7 @@ def _rectangle(start: float, end: float, color: str) -> str:
 
 
 def _hatched(start: float, end: float) -> str:
-    """Return a marginal zone in amber with slanted strokes, which is visible in a black-and-white copy."""
+    """Return a marginal zone in amber with slanted strokes, which remain visible in a black-and-white copy."""
     low, pitch = BAR_HEIGHT / 2 + 3, 2.4
     strokes = "".join(
         f"M{start + pitch * i:.1f} {low:g}l{pitch:g} -6" for i in range(max(1, int((end - start) / pitch)))

@@ -1,4 +1,4 @@
-"""Checksums of the files of a run, in the format of sha256sum, for `sha256sum -c SHA256SUMS`."""
+"""Checksums of the files of a run in the format of sha256sum. `sha256sum -c SHA256SUMS` checks them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ FRAMES: Final = "can.blf"
 
 
 def write_sums(directory: Path) -> Path:
-    """Write the checksums of the files of a run to its folder; return the path. Raises NotKept for a disk error."""
+    """Write the checksums of the files of a run to the folder ``directory``. Return the path. Raises NotKept for a
+    disk error.
+    """
     path = directory / SUMS
     with kept(path):
         lines = [
@@ -29,7 +31,7 @@ def write_sums(directory: Path) -> Path:
 
 
 def broken_files(directory: Path) -> list[str]:
-    """Return a text for each file of a run that was changed or removed, or has no checksum."""
+    """Return one text for each file of a run that was changed or removed, or that has no checksum."""
     try:
         lines = (directory / SUMS).read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -47,6 +49,6 @@ def broken_files(directory: Path) -> list[str]:
 
 
 def sha256_of(path: Path) -> str:
-    """Return the checksum of a file, in hexadecimal digits."""
+    """Return the SHA-256 checksum of a file in hexadecimal digits."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,4 +1,4 @@
-"""Comparison of two runs: differences of rig, specimen, parameters, limits, results and curves."""
+"""Comparison of two runs: the differences of rig, specimen, parameters, limits, results and curves."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Kind = Literal["changed", "only in A", "only in B"]
 
 
 class Fact(msgspec.Struct, frozen=True):
-    """A difference in the conditions before the runs began."""
+    """A difference in the conditions under which the two runs began."""
 
     what: str
     a: str
@@ -26,7 +26,9 @@ class Fact(msgspec.Struct, frozen=True):
 
 
 class CheckPair(msgspec.Struct, frozen=True, kw_only=True):
-    """A check of one or both runs; ``change`` is b - a in SI, ``share`` is change / |a|, None if unknown."""
+    """A check of one or both runs. ``change`` is b - a in SI, and ``share`` is change / |a|. They are None if
+    unknown.
+    """
 
     phase: str
     name: str
@@ -40,14 +42,16 @@ class CheckPair(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def exceeds(self) -> bool | None:
-        """Whether the change is more than its uncertainty; None if one of them is unknown."""
+        """Whether the change is larger than its uncertainty. It is None if change or uncertainty is unknown."""
         if self.change is None or self.change_expanded is None:
             return None
         return abs(self.change) > self.change_expanded
 
 
 class CurvePair(msgspec.Struct, frozen=True, kw_only=True):
-    """A curve of both runs. ``apart`` is the r.m.s. of the difference in y over the r.m.s. of A's; None for loops."""
+    """A curve that both runs have. ``apart`` is the r.m.s. of the difference in y divided by the r.m.s. of A's y. It
+    is None for loops.
+    """
 
     group: str
     name: str
@@ -57,7 +61,7 @@ class CurvePair(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Comparison(msgspec.Struct, frozen=True, kw_only=True):
-    """Comparison of run A with run B."""
+    """The comparison of run A with run B."""
 
     a: str  #: the path as given
     b: str
@@ -88,7 +92,7 @@ def compare_runs(a: Path, b: Path) -> Comparison:
 
 
 def _names(a: Path, b: Path) -> tuple[str, str]:
-    """Return the last parts of two paths, as many as are needed to distinguish them."""
+    """Return the last parts of two paths, with as many folders as are needed to distinguish them."""
     one, other = (path.resolve().parts for path in (a, b))
     for count in range(1, max(len(one), len(other)) + 1):
         if one[-count:] != other[-count:]:
@@ -125,7 +129,7 @@ def _facts(a: dict[str, str], b: dict[str, str]) -> list[Fact]:
 
 
 def _check_pairs(a: list[Check], b: list[Check]) -> list[CheckPair]:
-    """Return pairs of checks with the same phase and name, in their order."""
+    """Return pairs of checks with the same phase and name, in the order of the checks."""
     return [_check_pair(key, one, other) for key, one, other in _paired(a, b, lambda c: (c.phase, c.name))]
 
 
@@ -163,7 +167,9 @@ def _curve_pairs(a: list[Curve], b: list[Curve]) -> tuple[list[CurvePair], list[
 
 
 def _relative_difference(a: Curve, b: Curve) -> float | None:
-    """Return the relative r.m.s. difference of two sweeps at the abscissas of A in the common range; B interpolated."""
+    """Return the relative r.m.s. difference of two sweeps in their common range. B is interpolated at the abscissas
+    of A. Return None if it cannot be computed.
+    """
     import numpy as np
 
     if a.kind != "sweep" or b.kind != "sweep":
@@ -183,8 +189,8 @@ def _relative_difference(a: Curve, b: Curve) -> float | None:
 
 
 def _paired(a: list[Any], b: list[Any], key: Any) -> Iterable[tuple[Any, Any, Any]]:
-    """Yield key and pair of items with the same key, in the order of ``a`` and then ``b``; None replaces a missing
-    item.
+    """Yield key, item of ``a`` and item of ``b`` for items with the same key. The order is that of ``a``, then of
+    ``b``. None replaces a missing item.
     """
     left: dict[Any, list[Any]] = defaultdict(list)
     for one in b:

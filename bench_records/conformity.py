@@ -1,8 +1,8 @@
-"""Conformity with limits under uncertainty: coverage factor, probability, and decimals of values.
+"""Conformity of values with limits under uncertainty: coverage factor, probability, and number of decimals.
 
-The error of a value is the sum of two parts (model of EA-4/02, S9). Its standard uncertainty is ``u``. One part has a
-rectangular distribution with the standard deviation ``even``, the largest of its rectangular contributions. The other
-part is normal. If ``even`` is 0, the error is normal.
+The error of a value is the sum of two parts (model of EA-4/02, S9), with the standard uncertainty ``u``. One part has
+a rectangular distribution with the standard deviation ``even``, which is the largest rectangular contribution. The
+other part has a normal distribution. If ``even`` is 0, the error is normally distributed.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ SURE = 0.975
 
 
 def cumulative(x: float, u: float, even: float = 0.0) -> float:
-    """Return the probability of an error below ``x``, the sum of a rectangular and a normal part with total variance
-    u².
+    """Return the probability of an error below ``x``. The error is the sum of a rectangular and a normal part with
+    total variance u².
 
     F(x) = [(x+a) Φ((x+a)/σ) − (x−a) Φ((x−a)/σ) + σ φ((x+a)/σ) − σ φ((x−a)/σ)] / 2a with a = √3 even, σ² = u² − even².
     """
@@ -38,7 +38,9 @@ def cumulative(x: float, u: float, even: float = 0.0) -> float:
 
 
 def conformity(value: float, u: float, low: float | None, high: float | None, even: float = 0.0) -> float:
-    """Return the probability that a quantity with the measured ``value`` is within its limits (JCGM 106, 7.2)."""
+    """Return the probability that the true value of a quantity is within its limits (JCGM 106, 7.2). ``value`` is the
+    measured value.
+    """
     above = 1.0 if high is None else cumulative(high - value, u, even)
     below = 0.0 if low is None else cumulative(low - value, u, even)
     return max(above - below, 0.0)
@@ -46,13 +48,13 @@ def conformity(value: float, u: float, low: float | None, high: float | None, ev
 
 @lru_cache(maxsize=4096)
 def coverage_factor(share: float) -> float:
-    """Return k of U = k u for ``share`` = even / u: 2 for a normal error, 1.65 for a rectangular one."""
+    """Return k in U = k u for ``share`` = even / u. It is 2 for a normal error and 1.65 for a rectangular one."""
     return _inverse(0.5 + 0.5 * COVERAGE, min(share, 1.0))
 
 
 @lru_cache(maxsize=4096)
 def guard_factor(share: float) -> float:
-    """Return the distance from a limit, in u, at which a value conforms with `SURE`."""
+    """Return the distance from a limit, in units of u, at which a value conforms with the probability `SURE`."""
     return _inverse(SURE, min(share, 1.0))
 
 
@@ -65,8 +67,10 @@ def _inverse(probability: float, share: float) -> float:
 
 
 def decimals(value: float, expanded: float, limits: Sequence[float]) -> int:
-    """Return the number of decimals of a value with its expanded uncertainty: one digit of the uncertainty, or two if
-    they are below 35.  The number is larger if rounding would move the value onto a limit or across it.
+    """Return the number of decimals for a value with its expanded uncertainty.
+
+    The uncertainty is shown with one digit, or with two if they are below 35. There are more decimals if rounding
+    would move the value onto a limit or across it.
     """
     shown = 0
     if expanded > 0.0:
@@ -80,7 +84,7 @@ def decimals(value: float, expanded: float, limits: Sequence[float]) -> int:
 
 
 def percent(probability: float) -> str:
-    """Return a probability as text; it is never closer to 0 or 1 than an uncertainty can support."""
+    """Return a probability as text in percent. Beyond 0.1 % and 99.9 % only the bound is stated."""
     if probability > 0.999:
         return "> 99.9 %"
     return "< 0.1 %" if probability < 0.001 else f"{100 * probability:.1f} %"

@@ -1,4 +1,4 @@
-"""Conversion of a record's stream to a Parquet file, also after the recording process was killed."""
+"""Converts the stream of a record to a Parquet file, even if the recording process was killed."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ROW_GROUP = 1 << 20
 
 
 def recover(directory: Path | str) -> Recovery:
-    """Make the Parquet record from the stream of a killed process, and state its recovered length.
+    """Make the Parquet record from the stream of a killed process. Return how much was recovered.
 
     Raises ``RecordError`` if there is no stream, if it has another format, or if a run is still writing it.
     """
@@ -46,10 +46,11 @@ def recover(directory: Path | str) -> Recovery:
 
 
 def convert(stream: Path, meta: dict[str, Any], *, recovering: bool = False) -> Recovery:
-    """Write Parquet file and ``meta.json`` next to a stream, with ``meta`` added to its facts, and remove the stream.
+    """Write a Parquet file and ``meta.json`` next to a stream, and remove the stream. ``meta`` is added to the facts
+    of the record.
 
-    Raises ``RecordError`` if the file is not a stream of this format. Raises ``NotKept`` if the disk refuses the
-    record; the stream then remains.
+    Raises ``RecordError`` if the file is not a stream of this format. Raises ``NotKept`` if the files cannot be
+    written; the stream then remains.
     """
     with kept(stream):
         streamed = read_stream(stream)

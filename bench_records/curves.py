@@ -1,4 +1,4 @@
-"""Curves of a result: one series over another, with axes and, for judged points, limits."""
+"""Curves of a result: one series of numbers over another, with axes. Sweeps may have limits for each point."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ class Axis(msgspec.Struct, frozen=True):
     zero: float = 0.0  #: zero of the unit (SI), 273.15 K for degC
 
     def shown(self, value: float) -> float:
-        """Return a value (SI) in the display unit."""
+        """Return an SI value in the unit of the axis."""
         return (value - self.zero) / self.scale
 
 
 class Curve(msgspec.Struct, frozen=True, kw_only=True):
-    """A named series y over x, in SI: a ``loop`` connects all points, a ``sweep`` is a table of few points.
+    """A named series y over x, in SI. A ``loop`` connects all points, and a ``sweep`` is a table of few points.
 
-    Curves of one ``group`` share a plot, and sweeps of a group also a table.
+    Curves of one ``group`` share a plot. Sweeps of a group also share a table.
     """
 
     name: str
@@ -68,9 +68,9 @@ def curve(
     limits: Iterable[tuple[float | None, float | None]] = (),
     expanded: Iterable[float | None] = (),
 ) -> Curve:
-    """Return a curve of two series of numbers (arrays included); NaN and ∞ become gaps.
+    """Return a curve from two series of numbers (arrays are possible). NaN and ∞ become gaps.
 
-    ``limits`` are low and high of each point, ``expanded`` its expanded uncertainty.
+    ``limits`` are the lower and upper limit of each point, and ``expanded`` is its expanded uncertainty.
     """
     clean_x, clean_y = ([float(n) if math.isfinite(n) else None for n in series] for series in (xs, ys))
     pairs = list(limits)

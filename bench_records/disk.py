@@ -1,4 +1,4 @@
-"""Errors of a disk as text, and the disk space that is reserved for the result of a run."""
+"""Disk errors as text, and disk space that is reserved for the result of a run."""
 
 from __future__ import annotations
 
@@ -34,23 +34,25 @@ _CANNOT: Final = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)
 
 
 class NotKept(RecordError):
-    """The disk refused a file of a run; the text names the file and the reason."""
+    """A file of a run could not be saved. The text names the file and the reason."""
 
 
 def disk_reason(error: BaseException) -> str:
-    """Return the reason of a disk error as text, with a remedy."""
+    """Return the reason of a disk error as text. For an error of the machine, the text includes a remedy."""
     text = REFUSALS.get(getattr(error, "errno", None) or 0)
     return f"{text}; free or repair this disk, or use a folder on another one" if text else reason(error)
 
 
 def of_the_disk(error: BaseException) -> bool:
-    """Return whether the disk caused the error, and not a file name or a missing permission."""
+    """Return whether the disk caused the error. Invalid file names and missing permissions are other causes."""
     return isinstance(error, OSError) and error.errno in REFUSALS and error.errno not in _NAMES
 
 
 @contextmanager
 def kept(path: Path, what: str = "") -> Iterator[None]:
-    """Raise NotKept if the disk refuses a write to ``path`` inside the block."""
+    """Raise NotKept if a write to ``path`` fails inside the ``with`` block. ``what`` replaces the path in the
+    message.
+    """
     import pyarrow as pa
 
     try:
@@ -61,9 +63,7 @@ def kept(path: Path, what: str = "") -> Iterator[None]:
 
 @contextmanager
 def begun(path: Path, what: str = "") -> Iterator[None]:
-    """Convert errors in the block as `kept` does, or to RecordError if the folder is invalid or belongs to another
-    user.
-    """
+    """Convert an OSError in the ``with`` block: to NotKept if the disk caused it, otherwise to RecordError."""
     try:
         yield
     except OSError as error:
@@ -73,7 +73,7 @@ def begun(path: Path, what: str = "") -> Iterator[None]:
 
 
 def keep_room(directory: Path) -> None:
-    """Reserve the disk space for the result of a run. Raises NotKept if there is not enough."""
+    """Reserve the disk space for the result of a run. Raises NotKept if there is not enough space."""
     path = directory / ROOM_FILE
     try:
         with path.open("wb") as file:

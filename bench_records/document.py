@@ -1,4 +1,4 @@
-"""Pages in a common style: title, facts, and sections of text, tables and drawings; all text is escaped."""
+"""HTML pages in a common style: title, facts, and sections of text, tables and drawings. All plain text is escaped."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _PAGE: Final = Markup("""\
 
 
 class Cell(NamedTuple):
-    """A cell with its own CSS class and tooltip."""
+    """A table cell with its own CSS class and tooltip."""
 
     text: str
     kind: str = ""
@@ -46,14 +46,14 @@ class Cell(NamedTuple):
 
 
 class TableRow(NamedTuple):
-    """The cells of a table row, and its class."""
+    """The cells of a table row, and the CSS class of the row."""
 
     cells: Sequence[Any]
     tone: str = ""
 
 
 class Banner(NamedTuple):
-    """The result of a page: a word, its reason, and a smaller line; ``tone`` is its class."""
+    """The result at the top of a page: a word, its reason, and a smaller line. ``tone`` is its CSS class."""
 
     word: str
     reason: str
@@ -67,7 +67,9 @@ class Banner(NamedTuple):
 
 
 class Document(NamedTuple):
-    """A page in a single file; ``kind`` is its name at the right of the head, ``style`` extends the common style."""
+    """A self-contained page. ``kind`` is the text at the right of the first line; ``style`` is added to the common
+    style.
+    """
 
     title: str
     kind: str
@@ -81,7 +83,7 @@ class Document(NamedTuple):
     scripts: Markup = Markup()
 
     def html(self) -> str:
-        """Return the page."""
+        """Return the page as HTML."""
         marks = joined(element("span", one) for one in self.circumstances)
         head = [paragraph(marks, "circumstances"), self.banner or "", key_facts(self.facts)]
         return _PAGE.format(
@@ -97,12 +99,12 @@ class Document(NamedTuple):
 
 
 def joined(parts: Iterable[Any], by: str = "") -> Markup:
-    """Return the concatenated texts; texts that are not markup are escaped."""
+    """Return the parts as one text, with ``by`` between them. Parts that are not markup are escaped."""
     return Markup(by).join(parts)
 
 
 def element(name: str, content: Any, kind: str = "", **attributes: str) -> Markup:
-    """Return an element with its content, and with class and attributes that are not empty."""
+    """Return an HTML element with its content. Empty class and attributes are left out."""
     known = ({"class": kind} | attributes).items()
     # Markup.format takes ten times as long, and a report has a thousand elements.
     attribute_text = "".join(f' {key}="{escape(value)}"' for key, value in known if value)
@@ -110,13 +112,13 @@ def element(name: str, content: Any, kind: str = "", **attributes: str) -> Marku
 
 
 def key_facts(facts: Iterable[tuple[str, Any]]) -> Markup:
-    """Return names with their values next to each other; empty without any."""
+    """Return names with their values as a list in columns, or empty markup if there are no facts."""
     rows = joined(Markup("<div><dt>{}</dt><dd>{}</dd></div>").format(*fact) for fact in facts)
     return element("dl", rows, "key") + "\n" if rows else rows
 
 
 def section(heading: str, *parts: Any, anchor: str = "", kind: str = "") -> Markup:
-    """Return a section of a page; a part that is text becomes a paragraph."""
+    """Return a section of a page. A part that is plain text becomes a paragraph."""
     content = (one if isinstance(one, Markup) else paragraph(one) for one in parts)
     return element("section", joined(["\n", element("h2", heading), "\n", *content]), kind, id=anchor) + "\n"
 
@@ -127,33 +129,33 @@ def subheading(text: str) -> Markup:
 
 
 def paragraph(text: Any, kind: str = "") -> Markup:
-    """Return a paragraph; empty without a text."""
+    """Return a paragraph, or empty markup if there is no text."""
     return element("p", text, kind) + "\n" if text else Markup()
 
 
 def caption(text: str) -> Markup:
-    """Return a note under a table or a drawing; empty without a text."""
+    """Return a note under a table or a drawing, or empty markup if there is no text."""
     return paragraph(text, "caption")
 
 
 def bullets(texts: Iterable[Any], kind: str = "") -> Markup:
-    """Return a list; empty without texts."""
+    """Return a bulleted list, or empty markup if there are no texts."""
     entries = joined(element("li", one) for one in texts)
     return element("ul", entries, kind) + "\n" if entries else entries
 
 
 def drawing(svg: str) -> Markup:
-    """Return a drawing (SVG), which scrolls on a narrow screen; empty without one."""
+    """Return a drawing (SVG) that scrolls on a narrow screen, or empty markup if there is none."""
     return element("div", Markup(svg), "wide", tabindex="0") + "\n" if svg else Markup()
 
 
 def figure(svg: str) -> Markup:
-    """Return a drawing (SVG) as a figure; empty without one."""
+    """Return a drawing (SVG) as a figure, or empty markup if there is none."""
     return element("figure", Markup(svg)) if svg else Markup()
 
 
 def pairs(drawings: Iterable[str]) -> Markup:
-    """Return drawings (SVG) of half the width of the page; empty without any."""
+    """Return drawings (SVG) with half the width of the page, or empty markup if there are none."""
     figures = joined(map(figure, drawings))
     return element("div", figures, "pair") + "\n" if figures else figures
 
@@ -161,10 +163,10 @@ def pairs(drawings: Iterable[str]) -> Markup:
 def table(
     columns: str | Iterable[str | Cell], rows: Markup | Iterable[TableRow | Sequence[Any]], kind: str = ""
 ) -> Markup:
-    """Return a table, empty without rows; the class of a column applies to its cells.
+    """Return a table, or empty markup if there are no rows. The CSS class of a column applies to its cells.
 
-    ``columns`` may be one text, such as "channel | noise :n | :u": the heads, each with its class behind a colon.
-    A float has three digits, and None is a dash. ``rows`` may be finished bodies of the table.
+    ``columns`` may be one text such as "channel | noise :n | :u". It contains the column heads, each with its class
+    after a colon. Floats have three digits, and None is a dash. ``rows`` may be finished table bodies.
     """
     if isinstance(columns, str):
         parts = (one.partition(":") for one in columns.split("|"))
@@ -181,7 +183,7 @@ def table(
 
 
 def facts_table(facts: Iterable[tuple[Any, Any]]) -> Markup:
-    """Return a table of names and values, without a head; empty without entries."""
+    """Return a table of names and values without a head, or empty markup if there are no facts."""
     body = joined(element("tr", element("td", name) + element("td", value)) + "\n" for name, value in facts)
     return element("table", element("tbody", body), "facts") + "\n" if body else body
 

@@ -1,4 +1,4 @@
-"""The events of a run for its report: the table of all events, and the first limit that tripped."""
+"""The events of a run for its report: a table of events, and a text on the first limit that tripped."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ AROUND_TRIP_S = 10.0
 
 
 def tabled_events(record: Record) -> list[RecordedEvent]:
-    """Return the events for the table, without phases and checks, which have other tables, and settings."""
+    """Return the events for the table. Phases, checks and settings are left out."""
     return [event for event in record.events if event.kind not in {"phase", "setting", "check"}]
 
 
@@ -32,8 +32,8 @@ def _details(data: dict[str, Any]) -> str:
 
 
 def first_trip(record: Record) -> dict[str, Any] | None:
-    """Return sentences on the first tripped limit and its consequences, and a drawing of its signal; None without a
-    trip.
+    """Return sentences on the first tripped limit and its consequences, and a drawing of its signal. Return None if
+    no limit tripped.
     """
     from bench_records.report_plots import time_panel
 

@@ -1,8 +1,9 @@
-"""Records as files for other programs: a table at one rate, or MDF 4 with every sample.
+"""Writes records to files for other programs: a table at one rate, or MDF 4 with every sample.
 
-The head of a column, ``left.height [mm]``, has the signal's name and the unit of its numbers. MDF keeps the numbers of
-the record (SI) with a conversion to that unit. The comment of its header has events and meta data. So an MDF file can
-be imported again as the same record, sample for sample. A CSV file is imported as a table at one rate.
+The head of a column, such as ``left.height [mm]``, has the name of the signal and the unit of its numbers. An MDF file
+contains the values of the record (SI), with a conversion to that unit. The comment in its header contains events and
+meta data. So it can be imported again as the same record, sample for sample. A CSV file is imported as a table at one
+rate.
 """
 
 from __future__ import annotations
@@ -39,10 +40,10 @@ def column_of(signal: SignalInfo) -> str:
 
 
 def write_csv(record: Record, path: Path, rate: float, names: Sequence[str] = ()) -> int:
-    """Write signals side by side at ``rate`` (Hz), in the units of their columns; return the number of rows.
+    """Write signals side by side at ``rate`` (Hz), in the units of their columns. Return the number of rows.
 
-    Without ``names``, write all signals. A cell is empty if the signal has no value yet. Raises RecordError for an
-    unknown name.
+    Without ``names``, all signals are written. A cell is empty if the signal has no value there. Raises RecordError
+    for an unknown name.
     """
     frame = table_of(record, rate, names)
     frame.to_csv(path, float_format="%.9g")
@@ -50,8 +51,8 @@ def write_csv(record: Record, path: Path, rate: float, names: Sequence[str] = ()
 
 
 def write_arrow(record: Record, path: Path, rate: float, names: Sequence[str] = ()) -> int:
-    """Write as `write_csv`, but to Parquet or Arrow, depending on the suffix; the clock is the index of the data
-    frame.
+    """Write the same table as `write_csv` to a Parquet or Arrow file, depending on the suffix. Return the number of
+    rows.
     """
     frame = table_of(record, rate, names)
     if path.suffix.lower() == ".parquet":
@@ -62,7 +63,9 @@ def write_arrow(record: Record, path: Path, rate: float, names: Sequence[str] = 
 
 
 def table_of(record: Record, rate: float, names: Sequence[str]) -> pd.DataFrame:
-    """Return signals side by side, in the units of their columns. Raises RecordError for an unknown name."""
+    """Return signals side by side as a data frame, in the units of their columns. Raises RecordError for an unknown
+    name.
+    """
     chosen = list(names or record.signals)
     frame = record.frame(chosen, rate)
     for name in chosen:
@@ -72,8 +75,9 @@ def table_of(record: Record, rate: float, names: Sequence[str]) -> pd.DataFrame:
 
 
 def write_mdf(record: Record, path: Path, names: Sequence[str] = ()) -> int:
-    """Write every sample with its time stamp; return their number. Raises RecordError without asammdf or for unknown
-    names.
+    """Write every sample with its time to an MDF file. Return the number of samples.
+
+    Raises RecordError if asammdf is not installed, or for an unknown name.
     """
     MDF, Signal = _asammdf()
     from asammdf.blocks.conversion_utils import from_dict

@@ -1,4 +1,4 @@
-"""A record that can be read during its run: every call reads the samples since the previous call."""
+"""A record that can be read during its run. Each call reads the samples since the previous call."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _AT_A_TIME: Final = 60.0
 
 
 class GrowingRecord(Record):
-    """The present record of the run that writes to ``directory``.
+    """The record of a run that is still writing to ``directory``.
 
-    Series, events and phases are those of the last `look`. Raises RecordError if no run is writing. The stream stays
-    open, so that no sample is lost when the run ends and replaces the stream by another file.
+    Series, events and phases are those of the last call of `look`. Raises RecordError if no run is writing. The stream
+    stays open, so no sample is lost when the run ends and replaces the stream by another file.
     """
 
     def __init__(self, directory: Path | str) -> None:
@@ -55,22 +55,22 @@ class GrowingRecord(Record):
 
     @property
     def duration(self) -> float:
-        """Time from the start to the latest sample or event that was read (s)."""
+        """Return the time (s) from the start to the latest sample or event that was read."""
         return (self._latest_ns - self.start_ns) / SECOND
 
     @property
     def phases(self) -> list[Phase]:
-        """Phases so far; an open phase ends at the end of the record."""
+        """Return the phases so far. An open phase ends at the latest time that was read."""
         return phases_of(self.events, self.start_ns, self._latest_ns)
 
     def look(self) -> bool:
-        """Read the samples since the previous call; return False once the run has ended and all samples are read."""
+        """Read the samples since the previous call. Return False after the run has ended and all samples are read."""
         continues = is_held(self.path.parent)
         self._take_in()
         return continues
 
     def series(self, name: str) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Return all samples of one signal so far, in order of time, as `Record.series` does."""
+        """Return all samples of one signal so far, in order of time, like `Record.series`."""
         if name not in self.signals:
             return super().series(name)  # which raises the error
         chunks = self._samples.get(name, [])
@@ -87,9 +87,10 @@ class GrowingRecord(Record):
         return (times - self.start_ns) / SECOND, values
 
     def thin(self, before: float) -> None:
-        """Keep one sample per second of each signal before a time (s): the one nearest to the mean of that second.
+        """Before a time (s), keep only one sample per second of each signal: the one nearest to the mean of that
+        second.
 
-        The call may be delayed. Without thinning, a run of a day does not fit into memory.
+        The work may be postponed to a later call. Without this, a run of a day would not fit into memory.
         """
         if before < self._thinned_until + _AT_A_TIME:
             return
@@ -103,7 +104,7 @@ class GrowingRecord(Record):
                 chunks[:] = [(times[keep], values[keep])]
 
     def _take_in(self) -> None:
-        """Read all complete new batches; leave a batch that is still being written for the next call."""
+        """Read all complete new batches. A batch that is still being written is read by a later call."""
         import pyarrow as pa
 
         self._file.seek(self._read)
@@ -149,7 +150,9 @@ class GrowingRecord(Record):
 
 
 def _of_each_second(times: npt.NDArray[np.int64], values: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
-    """Return the indices of the samples (n,), in order, nearest to the mean of their second; NaN only if all are."""
+    """Return the indices of the samples (n,), in order, that are nearest to the mean of their second. A NaN is chosen
+    only if all samples of a second are NaN.
+    """
     second = times // SECOND
     first = np.flatnonzero(np.diff(second, prepend=second[0] - 1))
     known = np.isfinite(values)

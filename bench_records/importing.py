@@ -1,4 +1,4 @@
-"""Import of records from files of other programs; columns and channels must have the names of signals."""
+"""Imports records from files of other programs. Columns and channels must have the names of signals."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ Known = Callable[[str], SignalInfo | None]
 
 
 class ImportKeys(FileKeys, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The keys of ``[file]`` in a map, and the keys from its other tables."""
+    """The keys for the import of a file: those of ``[file]`` in a map, and the keys from other tables of a map."""
 
     time: ColumnName | None = None
     date: ColumnName | None = None  #: of times of day
@@ -49,7 +49,7 @@ class ImportKeys(FileKeys, frozen=True, forbid_unknown_fields=True, kw_only=True
 
 
 def import_keys(texts: Iterable[str]) -> ImportKeys:
-    """Return the parsed ``KEY=VALUE`` texts. Raises RecordError for an unknown key or an invalid value."""
+    """Return the keys in ``KEY=VALUE`` texts. Raises RecordError for an unknown key or an invalid value."""
     given: dict[str, Any] = {}
     for text in texts:
         key, equals, value = text.partition("=")
@@ -81,7 +81,7 @@ def _code(text: str) -> float | str:
 
 
 class _Found(NamedTuple):
-    """The data of one signal in a file."""
+    """The samples of one signal from a file."""
 
     signal: SignalInfo
     series: Series
@@ -92,7 +92,7 @@ class _Found(NamedTuple):
 def read_table(
     path: Path, into: Path, known: Known, meta: dict[str, Any], account: Account, keys: ImportKeys
 ) -> int:
-    """Make a record in the directory ``into`` from a table with a clock, ``time_s``; return the number of samples.
+    """Make a record in the directory ``into`` from a table with a clock. Return the number of samples.
 
     Raises RecordError, with line or column, if the file is not a table, or if a column is not a signal or has another
     unit.
@@ -142,7 +142,7 @@ def _source(index: int, signal: str, keys: ImportKeys) -> Source:
 def _without_codes(
     path: Path, columns: Mapping[str, Series], nulls: Nulls, account: Account
 ) -> dict[str, Series]:
-    """Return the columns without the codes for missing values; the ``account`` receives these codes."""
+    """Return the columns without the codes for missing values. Remarks on these codes are added to ``account``."""
     found, remarks = without_codes(path.name, columns, nulls)
     for one in remarks:
         account.take(f"{'doubtful: ' * one.doubt}{one.sentence()}")
@@ -155,7 +155,7 @@ def _is_empty(column: Column) -> bool:
 
 
 def _clock_of(sheet: Sheet, keys: ImportKeys) -> TimeSource:
-    """Return the column of the clock. Raises RecordError if no key, name or date identifies it."""
+    """Return the description of the clock column. Raises RecordError if no key, name or date identifies the clock."""
     decimal = keys.decimal
     if keys.time is not None:
         place = sheet.place(keys.time, f"{sheet.path}: --table time")
@@ -198,11 +198,11 @@ def _dated(column: Column) -> bool:
 def read_mdf(
     path: Path, into: Path, known: Known, meta: dict[str, Any], account: Account, keys: ImportKeys
 ) -> int:
-    """Make a record in the directory ``into`` from an MDF file; return the number of samples.
+    """Make a record in the directory ``into`` from an MDF file. Return the number of samples.
 
-    A file that was exported from a record gives the same record. In any other file, the channels must have the names of
-    signals, and the file gives their units. Raises RecordError for a file that is not MDF, or a channel that is not a
-    signal.
+    A file that was exported from a record gives the same record. In other files the channels must have the names of
+    signals, and their units are those of the file. Raises RecordError for a file that is not MDF, or a channel that is
+    not a signal.
     """
     others = [key for key in ImportKeys.__struct_fields__ if key not in ("group", "raw", "format", "null")]
     _refuse_idle_keys(path, keys, others, "a table")
@@ -254,7 +254,7 @@ def _own_comment(text: str) -> Comment | None:
 
 
 def _signal(path: Path, name: str, unit: str, known: Known) -> tuple[SignalInfo, tuple[float, float]]:
-    """Return the signal of a column, and the factor and zero that convert its unit to SI.
+    """Return the signal of a column, and the factor and zero that convert the column's unit to SI.
 
     Raises RecordError if the column is not a signal, or if its unit is missing, unknown or of another quantity.
     """
@@ -300,7 +300,7 @@ def _write(
     events: Iterable[RecordedEvent] = (),
     silent: Iterable[SignalInfo] = (),
 ) -> int:
-    """Write a record with its samples in order of time."""
+    """Write a record to the folder ``into`` with its samples in order of time. Return their number."""
     import numpy as np
 
     series = [(one.series.times, one.series.values * one.scale + one.zero) for one in found]

@@ -1,4 +1,4 @@
-"""The black box data of an incident, stored with the record of the run: a text and samples."""
+"""The black box data of an incident, which are stored with the record of the run as a text and samples."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ _ELSE = ("left.bellows_pressure", "right.bellows_pressure")
 def write_incident(
     directory: Path | str, story: str, times: Numbers, channels: Mapping[str, Numbers]
 ) -> None:
-    """Write an incident to ``directory``: ``times`` in s relative to it, ``channels`` in SI by signal, NaN for no
-    reading.
+    """Write an incident to ``directory``. ``times`` are in s relative to the incident. ``channels`` are in SI by
+    signal name, with NaN for no reading.
 
     Raises NotKept for a disk error.
     """
@@ -44,14 +44,16 @@ def write_incident(
 
 
 class IncidentSection(NamedTuple):
-    """The texts and drawing of an incident in a report."""
+    """The text and the drawing of an incident in a report."""
 
     story: str
     drawing: str
 
 
 def incident_of(record: Record) -> IncidentSection | None:
-    """Return the black box data of the run, with a drawing of the tripped signal; None without an incident."""
+    """Return the black box text of a run, with a drawing of the tripped signal. Return None if there was
+    no incident.
+    """
     import pyarrow.parquet as pq
 
     from bench_records.layout import as_array

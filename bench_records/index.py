@@ -1,6 +1,6 @@
 """Index of the runs in a folder: a small database in that folder, which can always be rebuilt from the runs.
 
-The run folders are the source. Every query first reads results that are new, changed or removed since the last query.
+Before every query, the index reads the results that are new, changed or removed since the last query.
 """
 
 from __future__ import annotations
@@ -54,9 +54,10 @@ create index judged_by_name on judged (name);
 
 
 class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
-    """One run in the index. ``began`` is ISO 8601 in UTC: the start, or in virtual time the time of writing.
+    """One run in the index. ``began`` is the start (ISO 8601 in UTC). In virtual time it is the time at which the
+    result was written.
 
-    ``verdict`` is an Outcome, or ``interrupted`` or ``running`` without a result; ``reason`` explains it.
+    ``verdict`` is an Outcome, or ``interrupted`` or ``running`` if there is no result. ``reason`` explains it.
     """
 
     directory: str  #: relative to the folder of the index
@@ -77,7 +78,7 @@ class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class KeptCheck(msgspec.Struct, frozen=True, kw_only=True):
-    """One check of one run; value and limits in SI; ``scale`` is the SI value of one ``unit``."""
+    """One check of one run. Value and limits are in SI, and ``scale`` is the SI value of one ``unit``."""
 
     run: KeptRun
     phase: str
@@ -108,8 +109,9 @@ _CHECK: Final = (
 
 
 class RunIndex:
-    """The runs below ``folder``. Raises RecordError if it is not a folder, or if the index cannot be read or
-    written.
+    """The index of all runs in ``folder`` and its subfolders.
+
+    Raises RecordError if it is not a folder, or if the index cannot be read or written.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -120,8 +122,8 @@ class RunIndex:
         self.unreadable: dict[str, str] = {}
 
     def runs(self, **chosen: str | None) -> list[KeptRun]:
-        """Return the runs, oldest first, whose columns (``plan``, ``verdict``, …) equal ``chosen``; None matches any
-        value.
+        """Return the runs, oldest first. ``chosen`` selects by columns such as ``plan`` or ``verdict``; None allows
+        any value.
         """
         where, values = _where_clause(chosen)
         with self._fresh() as base:
@@ -131,7 +133,7 @@ class RunIndex:
             return [_kept(row) for row in rows]
 
     def checks(self, name: str | None = None, **chosen: str | None) -> list[KeptCheck]:
-        """Return the checks with that name, oldest first, of the runs whose columns equal ``chosen``.
+        """Return the checks called ``name``, oldest first. ``chosen`` selects the runs as in `runs`.
 
         Without a name, return all checks that verify a requirement.
         """
@@ -148,7 +150,7 @@ class RunIndex:
             return [KeptCheck(run=_kept(row[n:]), **dict(zip(_CHECK, row[:n], strict=True))) for row in rows]
 
     def notes(self, directory: str) -> list[Note]:
-        """Return the notes that were added to a run afterwards, oldest first."""
+        """Return the notes that were added to a finished run, oldest first."""
         columns = Note.__struct_fields__
         with self._fresh() as base:
             rows = base.execute(
@@ -157,20 +159,22 @@ class RunIndex:
             return [Note(**dict(zip(columns, row, strict=True))) for row in rows]
 
     def names(self, column: str) -> list[str]:
-        """Return the distinct values of a column of the runs, or the names of all checks for ``check``."""
+        """Return the distinct values of a column of the runs. For the column ``check``, return the names of all
+        checks.
+        """
         table, column = ("judged", "name") if column == "check" else ("run", column)
         with self._fresh() as base:
             return [row[0] for row in base.execute(f"select distinct {column} from {table} order by 1")]
 
     def rebuild(self) -> int:
-        """Delete the index and rebuild it from the folders; return the number of runs."""
+        """Delete the index and rebuild it from the folders. Return the number of runs."""
         (self.folder / INDEX).unlink(missing_ok=True)
         with self._fresh() as base:
             return int(base.execute("select count(*) from run").fetchone()[0])
 
     @contextmanager
     def _fresh(self) -> Iterator[sqlite3.Connection]:
-        """Yield the database, updated from the folders."""
+        """Yield the database after it has been updated from the folders."""
         path = self.folder / INDEX
         try:
             with closing(self._caught_up(path)) as base:
@@ -185,7 +189,9 @@ class RunIndex:
             raise RecordError(f"{path}: {error}; {remedy}") from None
 
     def _caught_up(self, path: Path) -> sqlite3.Connection:
-        """Open and update the database; if the disk cannot be written, use memory for this query."""
+        """Open and update the database. If it cannot be written to disk, a database in memory is used for
+        this query.
+        """
         for place in (path, None):
             base = _opened(path) if place else _connected(":memory:")
             try:
@@ -222,9 +228,9 @@ class RunIndex:
 
 
 def _opened(path: Path) -> sqlite3.Connection:
-    """Open the database; rebuild it if it has another version or is not a database.
+    """Open the database. Rebuild it if it has another version or is not a database.
 
-    If the folder cannot be written, as in an archive or on a full disk, the index is built in memory for every query.
+    If the folder cannot be written, as in an archive or on a full disk, use a database in memory.
     """
     try:
         base = _connected(path)
@@ -261,7 +267,7 @@ def _connected(path: Path | str) -> sqlite3.Connection:
 
 
 def _signs(folder: Path) -> Iterator[Path]:
-    """Yield the file that identifies a run, for each run below ``folder``."""
+    """Yield, for each run in ``folder`` and its subfolders, the file that identifies it."""
     for here, _, files in os.walk(folder):
         if sign := next((name for name in SIGNS if name in files), None):
             yield Path(here) / sign

@@ -18,11 +18,12 @@ _MET = {True: "met", False: "not met", None: "not judged"}
 
 
 def junit(result: Result) -> bytes:
-    """Return the XML: values out of limits are failures, checks without a value errors, unavailable checks skipped.
+    """Return the result as XML. Values beyond limits are failures, checks without a value are errors, and checks that
+    are not available are skipped.
 
     The time of a check is the time since the previous check. The test case of the run has the time after the last
     check. Only a run in real time has a time stamp. The names of suite and cases include the parameters and the serial
-    number of the specimen, so that several runs of a plan stay distinct.
+    number of the specimen, so that several runs of a plan have different names.
     """
     given = _given(result)
     failures = result.count(CheckVerdict.FAIL)
@@ -88,7 +89,9 @@ def _given(result: Result) -> str:
 
 
 def _times(result: Result) -> list[float]:
-    """Return the duration of each check, and of the run after the last check (s); 0 for a check without a time."""
+    """Return the durations (s) of the checks, and of the run after the last check. A check without a time has the
+    duration 0.
+    """
     ends = [0.0]
     for one in result.checks:
         ends.append(max(ends[-1], one.at if one.at is not None else -math.inf))
@@ -96,7 +99,7 @@ def _times(result: Result) -> list[float]:
 
 
 def write_junit(result: Result, directory: Path | str) -> Path:
-    """Write ``junit.xml`` to the directory; return its path."""
+    """Write ``junit.xml`` to the directory. Return its path."""
     path = Path(directory) / JUNIT
     path.parent.mkdir(parents=True, exist_ok=True)
     put(path, junit(result))

@@ -39,7 +39,7 @@ _FEW_HOURS = 3.0
 
 
 class Row(NamedTuple):
-    """Texts of a check in a comparison of two runs."""
+    """The texts of a check in a comparison of two runs."""
 
     phase: str
     name: str
@@ -52,7 +52,7 @@ class Row(NamedTuple):
 
 
 def write_comparison(comparison: Comparison, path: Path) -> None:
-    """Write the comparison of two runs as one self-contained page. Raises OSError if it cannot be written."""
+    """Write the comparison of two runs as one self-contained page. Raises NotKept if it cannot be written."""
     from bench_records.report_plots import curve_panel
 
     ends = zip("AB", comparison.verdicts, comparison.circumstances, strict=True)
@@ -108,7 +108,7 @@ def write_comparison(comparison: Comparison, path: Path) -> None:
 
 
 def comparison_row(pair: CheckPair) -> Row:
-    """Return the texts of a pair: values with unit, change with sign, and other differences."""
+    """Return the texts for a pair of checks: values with unit, change with sign, and other differences."""
     known = pair.a or pair.b
     assert known is not None
     remarks = ["changed by more than its uncertainty"] if pair.exceeds else []
@@ -139,7 +139,9 @@ def comparison_row(pair: CheckPair) -> Row:
 
 
 def _figure(value: float, one: Check, *, sign: bool = False) -> str:
-    """Return a value (SI) in display units, with four digits of the largest of value and limits."""
+    """Return an SI value as text in the unit of the check. The number of decimals gives the largest of value and
+    limits four digits.
+    """
     if not math.isfinite(value):
         return "–"
     sizes = [abs(n / one.scale) for n in (one.number, one.low, one.high) if n and math.isfinite(n)]
@@ -154,7 +156,7 @@ def _limits(one: Check) -> str:
 
 
 class Part(NamedTuple):
-    """One of the checks on a page of trends."""
+    """The section for one check on a page of trends."""
 
     name: str
     words: list[str]
@@ -162,7 +164,7 @@ class Part(NamedTuple):
 
 
 def write_trends(trends: Sequence[Trend], specimen: str, path: Path) -> None:
-    """Write a page with the trends of one or more checks of a specimen. Raises OSError if it cannot be written."""
+    """Write a page with the trends of one or more checks of a specimen. Raises NotKept if it cannot be written."""
     parts = [_trend_part(place, trend) for place, trend in enumerate(trends)]
     sections = [part.section for part in parts]
     if parts[1:]:
@@ -215,7 +217,7 @@ def _trend_part(place: int, trend: Trend) -> Part:
 
 
 def trend_words(trend: Trend) -> list[str]:
-    """Return sentences on mean, scatter and drift of the values."""
+    """Return sentences on the mean, scatter and drift of the values."""
     last = trend.checks[-1]
     requirement = [f"Requirement {last.requirement}."] if last.requirement else []
     return requirement + _figures(trend, last)
@@ -256,7 +258,7 @@ def _uncertainty(one: KeptCheck) -> str:
 
 
 def _time_axis(days: float) -> tuple[str, float]:
-    """Return the unit of the time axis for a span of ``days``, and the number of these units in a day."""
+    """Return the unit of the time axis for a duration of ``days``, and how many of these units a day has."""
     return (
         ("days", 1.0)
         if days > _FEW_DAYS

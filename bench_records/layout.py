@@ -1,15 +1,15 @@
 """The format of a record on disk: its files, columns and metadata.
 
-A record is one directory. During the run, and afterwards if the run was killed, it holds ``record.arrows``. This is an
-Arrow IPC stream. A truncated stream can be read up to its last complete batch. After the run it holds
+A record is one directory. During the run it contains the stream ``record.arrows`` (Arrow IPC). After a run that was
+killed, this stream remains, and can be read up to its last complete batch. After a complete run the directory contains
 ``record.parquet`` with the columns
 
 * ``time_ns``: int64, nanoseconds on the clock of the run;
 * ``signal``: dictionary of string, the signal's name in the table of signals;
 * ``value``: float64 in SI units; NaN if the rig had no value;
 
-and key-value metadata: one JSON value under ``astb.<key>`` for each entry of the meta data, with ``astb.format``,
-``astb.start_ns``, ``astb.signals`` and ``astb.events`` always present.
+and key-value metadata. Each entry of the meta data is a JSON value under ``astb.<key>``. The entries ``astb.format``,
+``astb.start_ns``, ``astb.signals`` and ``astb.events`` are always present.
 """
 
 from __future__ import annotations
@@ -40,15 +40,15 @@ ICE = 273.15
 
 
 class RecordError(Exception):
-    """A record cannot be written or read; the text gives the record, the reason and a remedy."""
+    """A record cannot be written or read. The text states the record, the reason and a remedy."""
 
 
 class SignalInfo(msgspec.Struct, frozen=True, omit_defaults=True):
     """Description of one signal for readers of the record.
 
     ``scale`` is the SI value of one display unit (``1e-3`` for ``mm``), so ``value / scale`` is the displayed value.
-    Signals of one ``quantity`` share a panel of the report; a signal without a quantity is recorded, not drawn.
-    ``names`` maps the values of a discrete signal to words; the report draws such a signal as a strip.
+    Signals of one ``quantity`` share a panel of the report. A signal without a quantity is recorded, but not drawn.
+    ``names`` maps the values of a discrete signal to words, and the report draws such a signal as a strip.
     """
 
     name: str
@@ -68,21 +68,21 @@ class SignalInfo(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def title(self) -> str:
-        """The label, or the name if there is no label."""
+        """Return the label, or the name if there is no label."""
         return self.label or self.name
 
     @property
     def shown_unit(self) -> str:
-        """The display unit; temperatures are recorded in kelvin and displayed in degrees Celsius."""
+        """Return the display unit. Temperatures are recorded in kelvin and displayed in degrees Celsius."""
         return "degC" if self.unit == "K" else self.unit
 
     def shown(self, value: Any) -> Any:
-        """Return a value, or an array of values (SI), in the display unit."""
+        """Return a value, or an array of values, converted from SI to the display unit."""
         return (value - (ICE if self.unit == "K" else 0.0)) / self.scale
 
 
 class RecordedEvent(msgspec.Struct, frozen=True, omit_defaults=True):
-    """An event at one instant; ``kind`` is one word (state, trip, check, phase, ...)."""
+    """An event at one instant. ``kind`` is one word, such as state, trip, check or phase."""
 
     time_ns: int
     kind: str
@@ -91,7 +91,9 @@ class RecordedEvent(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Phase(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A named part of the run, in seconds since the record began; level 0 has set-up, main and tear-down."""
+    """A named part of the run, in seconds since the start of the record. Phases of level 0 are set-up, main and tear-
+    down.
+    """
 
     name: str
     start: float
@@ -100,12 +102,12 @@ class Phase(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def duration(self) -> float:
-        """Length in seconds."""
+        """Return the length in seconds."""
         return self.end - self.start
 
 
 class Condition(msgspec.Struct, frozen=True):
-    """A precondition of a plan, and the state that was found; ``met`` is None if it could not be determined."""
+    """A precondition of a plan, and the state that was found. ``met`` is None if this could not be determined."""
 
     text: str
     met: bool | None
@@ -115,7 +117,7 @@ class Condition(msgspec.Struct, frozen=True):
 def phases_of(events: list[RecordedEvent], start_ns: int, end_ns: int) -> list[Phase]:
     """Return the phases between begin and end events, in the order of their begin.
 
-    A phase without an end event, because the run was cut off, ends with the record.
+    If the end event of a phase is missing because the run was interrupted, the phase ends with the record.
     """
     finished: list[Phase] = []
     order: list[int] = []
@@ -143,7 +145,7 @@ def phases_of(events: list[RecordedEvent], start_ns: int, end_ns: int) -> list[P
 
 
 def put(path: Path, data: bytes) -> None:
-    """Write a file under another name and rename it when it is complete, so that readers never see a part of it."""
+    """Write a file under another name and rename it when it is complete. So a reader never finds an incomplete file."""
     unfinished = path.with_name(path.name + ".part")
     with whole(unfinished, path):
         unfinished.write_bytes(data)
@@ -151,7 +153,7 @@ def put(path: Path, data: bytes) -> None:
 
 @contextmanager
 def whole(unfinished: Path, path: Path) -> Iterator[None]:
-    """Rename the file ``unfinished``, which the block writes, to ``path``; delete it if that fails."""
+    """Rename the file ``unfinished`` to ``path`` after the ``with`` block has written it. Delete it if that fails."""
     try:
         yield
         unfinished.replace(path)
@@ -162,18 +164,20 @@ def whole(unfinished: Path, path: Path) -> Iterator[None]:
 
 
 def encode(value: Any) -> bytes:
-    """Return a value as JSON whose bytes depend on the value alone (keys sorted, NaN as null)."""
+    """Return a value as JSON. Keys are sorted and NaN is null, so equal values give equal bytes."""
     return msgspec.json.encode(msgspec.to_builtins(value, str_keys=True), order="sorted")
 
 
 def flat(column: Any) -> Any:
-    """Return a column of an Arrow table as one array; Arrow stores it in chunks, even if there is only one."""
+    """Return a column of an Arrow table as one array. Arrow stores a column in chunks, even if there is only one."""
     whole = column.combine_chunks() if hasattr(column, "combine_chunks") else column
     return whole.chunk(0) if hasattr(whole, "chunk") else whole
 
 
 def as_array(column: Any) -> npt.NDArray[Any]:
-    """Return the numbers of a column without gaps, not copied. Arrow's ``to_numpy`` would import pandas (0.5 s)."""
+    """Return the numbers of a column without missing values as an array, without a copy. Arrow's ``to_numpy`` would
+    import pandas (0.5 s).
+    """
     import numpy as np
 
     return np.from_dlpack(flat(column))

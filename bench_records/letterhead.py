@@ -27,7 +27,9 @@ _BEGINS: Final = {"image/png": b"\x89PNG\r\n\x1a\n", "image/jpeg": b"\xff\xd8\xf
 
 
 class Letterhead(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The head of a report; empty fields are omitted. In a file, ``logo`` is a path; here it is the image as a URL."""
+    """The head of a report. Empty fields are left out. In the TOML file, ``logo`` is a path; in this object it is the
+    image as a URL.
+    """
 
     laboratory: str = ""
     customer: str = ""
@@ -36,7 +38,7 @@ class Letterhead(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read_letterhead(path: Path) -> Letterhead:
-    """Return the letterhead in a TOML file. Raises RecordError with the key and its correction."""
+    """Return the letterhead from a TOML file. Raises RecordError, which states the wrong key and the correct form."""
     with file_errors(f"letterhead {path}", RecordError):
         content = read_toml(path)
     try:

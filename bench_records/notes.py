@@ -1,6 +1,6 @@
 """Notes that a user adds to a finished run: comments, photos and files with time and author. They are not signed.
 
-Notes are kept in their own folder, each with the checksum of its file. Adding a note changes neither the files of the
+Notes are stored in a separate folder, each with the checksum of its file. A new note changes neither the files of the
 run nor earlier notes.
 """
 
@@ -26,7 +26,7 @@ FILE_MAX: Final = 50_000_000
 
 
 class Note(msgspec.Struct, frozen=True, kw_only=True):
-    """A comment with an optional file. ``at`` is ISO 8601 in UTC."""
+    """A comment with an optional file. ``at`` is the time (ISO 8601 in UTC), and ``by`` is the author."""
 
     at: str
     by: str
@@ -38,9 +38,10 @@ class Note(msgspec.Struct, frozen=True, kw_only=True):
 def add_note(
     directory: Path, text: str, by: str, file: Path | None = None, content: bytes | None = None
 ) -> Note:
-    """Add a note to the run in ``directory`` and return it; ``content`` is that of the ``file``, if given.
+    """Add a note to the run in ``directory`` and return it. ``content`` is the content of ``file``; without it, the
+    file is read.
 
-    Raises RecordError without an author, without both text and file, or for a file that cannot be stored.
+    Raises RecordError if the author is missing, if both text and file are missing, or if the file cannot be stored.
     """
     if not by.strip():
         raise RecordError(
@@ -64,7 +65,9 @@ def add_note(
 
 
 def _add(folder: Path, number: int, note: Note, file: Path | None, content: bytes | None) -> Note:
-    """Add a note with a number; readers never see a part of it. Raises FileExistsError if the number is in use."""
+    """Write a note with a number, complete at once for readers. Raises FileExistsError if the number is
+    already used.
+    """
     copy = None
     if file is not None and content is not None:
         copy = folder / f"{number:04}-{file.name}"
@@ -94,7 +97,9 @@ def _content(file: Path) -> bytes:
 
 
 def notes_of(directory: Path) -> list[Note]:
-    """Return the notes of the run in ``directory``, oldest first; the text of an unreadable note is the error."""
+    """Return the notes of the run in ``directory``, oldest first. For an unreadable note, its text is an error
+    message.
+    """
     found = []
     for path in _places(directory / NOTES):
         try:
@@ -105,6 +110,6 @@ def notes_of(directory: Path) -> list[Note]:
 
 
 def is_as_added(directory: Path, note: Note) -> bool:
-    """Return whether the file of a note exists and is unchanged."""
+    """Return whether the file of a note exists and is unchanged. A note without a file gives True."""
     path = directory / NOTES / Path(note.file).name
     return not note.file or (path.is_file() and sha256_of(path) == note.sha256)

@@ -1,7 +1,7 @@
-"""The numbers of the drawings of a report, packed for the page's script, which uses them to zoom and to display values.
+"""The numbers of the plots in a report, packed for the script of the page, which zooms and displays values.
 
-Each series is written once, in steps of 1/65534 of its range; all series are compressed together. The number of points
-is limited for runs of any length, so that the page is small enough for a mail.
+Each series is stored once, in steps of 1/65534 of its range, and all series are compressed together. The number of
+points is limited, so the page of even a long run is small enough for an e-mail.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Trace(NamedTuple):
 
 
 class Plot(NamedTuple):
-    """A drawing for the script: *time* panels zoom together, a *sweep* has few points, a *loop* is a closed curve."""
+    """A plot for the script. *time* plots zoom together, a *sweep* has few points, and a *loop* is a closed curve."""
 
     kind: Literal["time", "sweep", "loop"]
     title: str
@@ -53,7 +53,7 @@ class Plot(NamedTuple):
 
 
 class PlotData:
-    """The plots of a page."""
+    """The plots of a page and their numbers."""
 
     def __init__(self) -> None:
         self._plots: list[dict[str, Any]] = []
@@ -62,7 +62,7 @@ class PlotData:
         self._count = 0
 
     def add(self, plot: Plot) -> int:
-        """Add a plot; return its number for the script."""
+        """Add a plot. Return its number for the script."""
         fields = plot._asdict()
         fields["traces"] = [
             {
@@ -80,7 +80,9 @@ class PlotData:
         return len(self._plots) - 1
 
     def place(self, numbers: Numbers) -> list[float]:
-        """Store a series of numbers; return its start, its length and its range."""
+        """Store a series of numbers once. Return the index of its first number, its length, its lowest and its
+        highest value.
+        """
         import numpy as np
 
         key = numbers.tobytes()
@@ -97,21 +99,21 @@ class PlotData:
 
     @property
     def json(self) -> str:
-        """The plots as JSON for the script, escaped so that it cannot close its HTML element."""
+        """Return the plots as JSON for the script. The text is escaped, so it cannot close its HTML element."""
         return embedded(self._plots)
 
     @property
     def packed(self) -> str:
-        """All numbers as base64 of deflated 16-bit little-endian integers."""
+        """Return all numbers as base64 of compressed 16-bit little-endian integers."""
         return base64.b64encode(zlib.compress(b"".join(self._parts), 6)).decode("ascii")
 
 
 def embedded(content: Any) -> str:
-    """Return plain data as JSON, escaped so that it cannot close its HTML element."""
+    """Return plain data as JSON. The text is escaped, so it cannot close its HTML element."""
     return json.dumps(content, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 @cache
 def asset(name: str) -> str:
-    """Return the text of a file that is embedded in the page."""
+    """Return the text of a file of this package that is embedded in pages."""
     return (ASSETS / name).read_text(encoding="utf-8")

@@ -1,7 +1,7 @@
-"""Common parts of the drawings of reports: colours, font, axes of a given size, and the SVG element for the page.
+"""Common parts of the drawings in reports: colours, font, axes of a given size, and SVG elements for a page.
 
 Colours are those of Okabe and Ito, which people with any kind of colour vision can distinguish. No information depends
-on colour alone. Texts are not converted to paths, so that they have the font of the page and can be searched.
+on colour alone. Texts are not converted to paths, so they have the font of the page and can be searched.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ FINER_THAN_SEEN = re.compile(r"(?<=\.\d\d)\d+")
 
 
 def style() -> Any:
-    """Return a context manager that sets font, lines and colours of every drawing."""
+    """Return a context manager that sets font, lines and colours of all drawings."""
     from matplotlib import rc_context
 
     return rc_context(
@@ -80,7 +80,7 @@ def panel(
     bottom: float = 0.3,
     top: float = 0.3,
 ) -> tuple[Figure, Axes]:
-    """Return a figure with one pair of axes; sizes and margins in inches."""
+    """Return a figure with one pair of axes. Sizes and margins are in inches."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), facecolor="none")
@@ -98,8 +98,8 @@ _BETWEEN: Final = 8.0
 
 
 def heading(axes: Axes, title: str, unit: str, what: str = "") -> None:
-    """Write the title on the left, quantity and unit on the right above the axes; smaller if there is no room for
-    both.
+    """Write the title on the left, and quantity and unit on the right above the axes. The title gets smaller if there
+    is no room for both.
     """
     text = ", ".join(filter(None, [what, unit]))
     room = 72.0 * axes.get_position().width * axes.figure.get_figure(root=True).get_figwidth()
@@ -112,7 +112,7 @@ def heading(axes: Axes, title: str, unit: str, what: str = "") -> None:
 
 
 def _width(text: str, size: float, *, bold: bool = False) -> float:
-    """Return the width (points) of a text in the widest font of the page."""
+    """Return the width of a text in points, in the widest font of the page."""
     from matplotlib import font_manager, textpath
 
     if not text:
@@ -125,12 +125,12 @@ def _width(text: str, size: float, *, bold: bool = False) -> float:
 
 
 def number(value: float) -> str:
-    """Return a number with narrow spaces between thousands; drawings have no markup for them."""
+    """Return a number as text, with narrow spaces between thousands."""
     return f"{value:,.10g}".replace(",", "\u2009").replace("-", "\u2212")
 
 
 def plain_numbers(figure: Figure | SubFigure) -> None:
-    """Format all ticks of a figure as plain numbers before it is saved; on logarithmic axes they would be markup."""
+    """Format all ticks of a figure as plain numbers, before the figure is saved. Logarithmic axes would use markup."""
     from matplotlib.ticker import FuncFormatter, LogFormatter, LogFormatterSciNotation
 
     class Plain(LogFormatterSciNotation):
@@ -148,7 +148,9 @@ def plain_numbers(figure: Figure | SubFigure) -> None:
 
 
 def svg(figure: Figure, name: str) -> str:
-    """Return the figure as an SVG element for the page, with unique ids and path data rounded to visible precision."""
+    """Return the figure as an SVG element for a page. Its ids are unique, and coordinates are rounded to visible
+    precision.
+    """
     plain_numbers(figure)
     out = StringIO()
     figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
@@ -157,9 +159,9 @@ def svg(figure: Figure, name: str) -> str:
 
 
 def element(text: str, name: str, title: str = "") -> str:
-    """Convert a saved SVG figure to an element for the page, as `svg` returns it.
+    """Convert a saved SVG figure to an element for a page. ``name`` makes its ids unique.
 
-    ``title`` is its name for a screen reader; without a title, a screen reader reads the texts of the drawing.
+    ``title`` is its name for screen readers. Without a title, they read the texts of the drawing.
     """
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)

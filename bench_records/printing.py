@@ -1,4 +1,4 @@
-"""Conversion of a report to PDF by an installed Chromium."""
+"""Prints a report to PDF with an installed Chromium."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ _WITHIN: Final = 120.0  # s
 
 
 def browser() -> str | None:
-    """Return the path of the browser for printing; None if there is none."""
+    """Return the path of the browser for printing, or None if there is none."""
     chosen = os.environ.get(CHOSEN)
     return next(filter(None, map(shutil.which, [chosen] if chosen else BROWSERS)), None)
 
 
 def browser_version(path: str) -> int | None:
-    """Return the main version of a browser; None if it does not report one."""
+    """Return the main version of a browser, or None if it does not report one."""
     try:
         done = subprocess.run([path, "--version"], check=False, capture_output=True, text=True, timeout=30.0)
     except (OSError, subprocess.SubprocessError):
@@ -40,7 +40,9 @@ def browser_version(path: str) -> int | None:
 
 
 def write_pdf(page: Path) -> Path:
-    """Print a report as PDF to the same folder; return its path. Raises RecordError, with a remedy, if that fails."""
+    """Print the report ``page`` as PDF to the same folder. Return its path. Raises RecordError, with a remedy, if
+    that fails.
+    """
     program = browser()
     if program is None:
         looked_for = os.environ.get(CHOSEN) or ", ".join(BROWSERS)

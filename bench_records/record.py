@@ -1,4 +1,4 @@
-"""The reader of a record: series by name, a table at one rate, the events, the phases, and its origin."""
+"""The reader of a record: series by name, a table at one rate, events, phases, and meta data."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ ROW_LIMIT = 20_000_000
 
 
 class Record:
-    """One run, as received. All times are in seconds since the record's start."""
+    """The record of one run. All times are in seconds since the start of the record."""
 
     def __init__(
         self,
@@ -61,7 +61,7 @@ class Record:
 
     @cached_property
     def duration(self) -> float:
-        """The time from the start to the last sample or event (s)."""
+        """Return the time (s) from the start to the last sample or event."""
         instants = [self.start_ns, *(event.time_ns for event in self.events)]
         if len(self):
             instants.append(int(as_array(self._table.column("time_ns")).max()))
@@ -69,7 +69,7 @@ class Record:
 
     @cached_property
     def phases(self) -> list[Phase]:
-        """Named stretches of the run, in the order in which they began."""
+        """Return the named parts of the run, in the order in which they began."""
         return phases_of(self.events, self.start_ns, self.start_ns + round(self.duration * SECOND))
 
     def time_of(self, event: RecordedEvent) -> float:
@@ -80,7 +80,7 @@ class Record:
         """Return all samples of one signal, sorted by time: times (n,) in s and values (n,) in SI. Both arrays are
         read-only.
 
-        Two empty arrays if the signal was never received. Raises ``RecordError`` for an unknown name.
+        They are empty if the signal has no samples. Raises ``RecordError`` for an unknown name.
         """
         import numpy as np
 
@@ -89,10 +89,11 @@ class Record:
         return self._series.get(name, (np.empty(0), np.empty(0)))
 
     def frame(self, names: Sequence[str], rate: float, gap: float = 1.0) -> pd.DataFrame:
-        """Return signals sampled at one ``rate`` in Hz: index ``time_s``, one column in SI for each name.
+        """Return signals sampled at one ``rate`` in Hz as a data frame: index ``time_s``, and one column in SI for
+        each name.
 
-        Values between samples are interpolated linearly; signals with named values keep the last one. Values are NaN in
-        gaps of more than ``gap`` seconds, before the first sample and after the last.
+        Values between samples are interpolated linearly. Signals with named values keep the last value instead. Values
+        are NaN in gaps of more than ``gap`` seconds, before the first sample and after the last.
         """
         import numpy as np
         import pandas as pd
@@ -112,7 +113,9 @@ class Record:
 
     @cached_property
     def _series(self) -> dict[str, tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]]:
-        """The samples of each signal, sorted by time. One stable sort of all samples replaces a search per signal."""
+        """Return the samples of each signal, sorted by time. Sorting all samples once is faster than a search for
+        each signal.
+        """
         import numpy as np
 
         if not len(self):
@@ -138,7 +141,7 @@ class Record:
 
 
 def read(directory: Path | str) -> Record:
-    """Return the record in a directory. A record of a killed run has the entry ``recovered`` in its meta data.
+    """Return the record in a directory. The record of a killed run has the entry ``recovered`` in its meta data.
 
     Raises ``RecordError`` if there is no record, if the run has not ended, or if the format is not supported.
     """

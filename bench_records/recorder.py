@@ -1,9 +1,10 @@
-"""The writer of a record: accepts samples from the receiver's thread, and keeps them even if the process is killed.
+"""The writer of a record. It accepts samples from the receiver's thread, and stores them even if the process is
+killed.
 
-During the run, no caller waits for the disk: ``receive`` only copies to memory. A thread of the recorder writes a batch
-every half second of the run's clock or of the wall clock, whichever is earlier. In virtual time callers may wait, so
-each batch is written at once, which saves two changes of thread. At the end, the stream is converted to a Parquet file
-whose bytes do not depend on the limits of the batches.
+During the run, no caller waits for the disk: ``receive`` only copies to memory. A thread of the recorder writes a
+batch every half second of the run's clock or of real time, whichever is earlier. In virtual time callers may wait, so
+``receive`` writes each batch, which saves two changes of thread. At the end, the stream is converted to a Parquet
+file. Its bytes do not depend on where the batches began.
 """
 
 from __future__ import annotations
@@ -55,15 +56,15 @@ _TAKEN: Final = (
 
 
 class Recorder:
-    """Writes one record into a directory, which is created if it does not exist.
+    """Writes one record to a directory, which is created if it does not exist.
 
-    ``receive`` may be called from one thread and ``event`` from another.  ``limit`` is the largest number of samples
-    of the record; later samples are counted but not kept, and the record has their number.  ``start_ns`` is the time
-    0 s of the record; without it, the first sample or event. If ``in_background`` is false, ``receive`` itself writes
-    each batch: this is for virtual time, in which a slow disk delays no tick.
+    ``receive`` may be called from one thread and ``event`` from another. ``limit`` is the largest number of samples in
+    the record. Later samples are counted and dropped, and the meta data state their number. ``start_ns`` is the time 0
+    s of the record; without it, this is the first sample or event. If ``in_background`` is false, ``receive`` itself
+    writes each batch. This is for virtual time, in which a slow disk delays no tick.
 
-    Raises ``RecordError`` if the directory already holds an unfinished stream, if a name is taken twice, or
-    if the meta data use one of the format's own keys.
+    Raises ``RecordError`` if the directory already contains an unfinished stream, if two signals have the same name,
+    or if the meta data use a key of the file format.
     """
 
     def __init__(
@@ -130,10 +131,10 @@ class Recorder:
         signal: npt.ArrayLike,
         values: npt.ArrayLike,
     ) -> None:
-        """Store samples: three arrays of shape (n,): nanoseconds, index into the signals, value in SI.
+        """Store samples, given as three arrays (n,): nanoseconds, index of the signal, and value in SI. The arrays
+        are copied.
 
-        The arrays are copied. Raises ``RecordError`` for arrays of unequal length, after ``close``, and after a disk
-        error.
+        Raises ``RecordError`` for arrays of different lengths, after ``close``, and after a disk error.
         """
         import numpy as np
 
@@ -174,7 +175,9 @@ class Recorder:
             self._undisturbed(self._drain)
 
     def event(self, time_ns: int, kind: str, text: str, **data: Any) -> None:
-        """Record an event at ``time_ns``: a change of state, a trip, a check.  ``data`` must be valid for JSON."""
+        """Record an event at ``time_ns``, such as a change of state, a trip or a check. ``data`` must be valid for
+        JSON.
+        """
         event = RecordedEvent(int(time_ns), kind, text, data)
         try:
             encode(event)
@@ -191,24 +194,24 @@ class Recorder:
                 self.dropped += 1
 
     def phase_begins(self, time_ns: int, name: str) -> None:
-        """Open a named phase of the run; a phase that is opened inside another is one level deeper."""
+        """Record the begin of a named phase. A phase that begins inside another one is one level deeper."""
         self.event(time_ns, "phase", name, edge="begin")
 
     def phase_ends(self, time_ns: int, name: str) -> None:
-        """End the named phase, and all open phases inside it."""
+        """Record the end of the named phase. All open phases inside it end too."""
         self.event(time_ns, "phase", name, edge="end")
 
     def flush(self) -> None:
-        """Write all stored samples to the operating system."""
+        """Pass all stored samples to the operating system."""
         with self._lock:
             self._refuse_if_unwritable()
         self._undisturbed(self._drain)
 
     def close(self, **meta: Any) -> Path:
-        """Convert the stream to ``record.parquet`` and ``meta.json``; ``meta`` has the facts known only at the end.
+        """Convert the stream to ``record.parquet`` and ``meta.json``. Return the path of the Parquet file.
 
-        Returns the path of the Parquet file. A second call has no effect. Raises ``NotKept`` if the disk failed; the
-        stream then stays readable, and can be converted later when the disk has space again.
+        ``meta`` are facts that are known only at the end of the run. A second call has no effect. Raises ``NotKept``
+        for a disk error. The stream then remains, and can be converted later when the disk has space again.
         """
         _refuse_reserved(meta)
         target = self.directory / PARQUET
@@ -246,9 +249,9 @@ class Recorder:
         self.close()
 
     def _undisturbed(self, write: Callable[[], None]) -> None:
-        """Write in a separate thread, which Ctrl-C does not interrupt; the caller is interrupted after the write.
+        """Write in a separate thread, which Ctrl-C does not interrupt. The caller is interrupted after the write.
 
-        Half a batch would make all later ones unreadable.
+        An incomplete batch would make all later batches unreadable.
         """
         writing = self._writing.submit(write)
         try:
@@ -299,7 +302,7 @@ class Recorder:
             (self.directory / _HEAD).unlink()
 
     def _put_back(self) -> None:
-        """If a user has removed the folder, create it again from the contents of the open stream."""
+        """If a user has removed the folder, write the contents of the open stream to a new folder."""
         stream = self.directory / STREAM
         if stream.exists():
             return
@@ -311,7 +314,9 @@ class Recorder:
                 copyfileobj(held, copy)
 
     def _refuse_if_moved(self) -> None:
-        """Raise FileNotFoundError if the stream was moved or removed, because it would be lost with this process."""
+        """Raise FileNotFoundError if the stream file was moved or removed. Its data would be lost when this process
+        ends.
+        """
         if not os.path.samestat((self.directory / STREAM).stat(), os.fstat(self._file.fileno())):
             raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
 
@@ -364,9 +369,9 @@ def _stream_schema() -> pa.Schema:
 
 
 def _create(head: Path, stream: Path) -> BinaryIO:
-    """Open and lock ``head``, which is renamed to ``stream`` when it has the facts of the run.
+    """Open and lock the file ``head``. It is renamed to ``stream`` when it contains the facts of the run.
 
-    On systems that cannot rename open files, open ``stream`` itself.
+    On systems that cannot rename open files, ``stream`` itself is opened.
     """
     with begun(stream, f"the directory {stream.parent}"):
         stream.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Data of a run for the animated drawing of the bench: readings at visible intervals, valves, states, events."""
+"""The data of a run for the animated drawing of the bench: readings at intervals, valves, states, events."""
 
 from __future__ import annotations
 
@@ -30,7 +30,9 @@ _STATE: Final = "rig.state"
 
 
 def replay_of(record: Record, numbers: PlotData) -> dict[str, Any] | None:
-    """Return the data of a run for the script of the drawing; its series go to ``numbers``. None without readings."""
+    """Return the data of a run for the script of the drawing. Its series are added to ``numbers``. Return None if
+    there are no readings.
+    """
     step = max(APART, math.ceil(1000 * record.duration / PICTURES) / 1000)
     signals = [_signal(record, one.name, one.unit, numbers, step) for one in MEASUREMENTS]
     if all(one["at"] is None for one in signals):
@@ -85,7 +87,9 @@ def thinned(
     step: float,
     decimals: int,
 ) -> npt.NDArray[np.float64]:
-    """Return the sample that is valid at each of the instants 0, ``step`` … (s), in its unit; NaN if there is none."""
+    """Return the sample that is valid at each of the instants 0, ``step``, 2 ``step`` … (s), rounded to ``decimals``.
+    It is NaN if there is none.
+    """
     import numpy as np
 
     grid = np.arange(math.floor(duration / step + 1e-6) + 1) * step

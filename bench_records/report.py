@@ -65,11 +65,11 @@ SYMBOLS: Final = {
 
 
 def write_report(directory: Path | str, letterhead: Letterhead | None = None) -> Path:
-    """Write ``report.html`` from the record and the result in a directory; return its path.
+    """Write ``report.html`` from the record and the result in a directory. Return its path.
 
-    The report of a run without a result states this and shows the recorded data. The bytes depend only on the two
-    files, the notes in the directory and the letterhead. Without a ``letterhead`` that of the environment is used, if
-    any. Raises ``RecordError`` if the record or the letterhead cannot be read, or the disk refuses the page.
+    The report of a run without a result states this, and shows the recorded data. The bytes depend only on the record,
+    the result, the notes in the directory, and the letterhead. Without a ``letterhead``, the environment may name one.
+    Raises ``RecordError`` if the record or the letterhead cannot be read, or if the page cannot be saved.
     """
     path = Path(directory) / REPORT
     page = report_page(directory, letterhead).encode()
@@ -79,7 +79,7 @@ def write_report(directory: Path | str, letterhead: Letterhead | None = None) ->
 
 
 def report_page(directory: Path | str, letterhead: Letterhead | None = None) -> str:
-    """Return the page that `write_report` writes, without writing it."""
+    """Return the HTML text that `write_report` writes to a file."""
     record = read(directory)
     if letterhead is None and (chosen := os.environ.get(CHOSEN)):
         letterhead = read_letterhead(Path(chosen))
@@ -147,7 +147,7 @@ def _banner(result: Result, twin: TwinStory | None) -> Banner:
 
 
 def _scripts(plots: PlotData, replay: dict[str, Any] | None) -> Markup:
-    """Return the data of the plots and the scripts that draw them."""
+    """Return the data of the plots, and the scripts that draw them."""
     json = {"type": "application/json"}
     names = ("bench_drawing.js", "bench_replay.js") if replay else ()
     parts = [
@@ -163,7 +163,9 @@ def _scripts(plots: PlotData, replay: dict[str, Any] | None) -> Markup:
 
 
 def _first_page(result: Result, files: list[tuple[str, str]], operator: str) -> Iterator[Markup]:
-    """Yield what follows the verdict on the first page: the checks not passed or close to a limit, and signatures."""
+    """Yield the parts of the first page after the verdict: checks that did not pass or are close to a limit, and
+    signatures.
+    """
     for what, some, more in notable(result.checks):
         note = f"{more} more in the table of all checks." if more else ""
         yield section(what, _check_table(some, purpose=True), caption(note))
@@ -181,7 +183,7 @@ def _first_page(result: Result, files: list[tuple[str, str]], operator: str) -> 
 
 
 def _conditions(result: Result, record: Record, twin: TwinStory | None) -> Iterator[Markup]:
-    """Yield the instruction, the preconditions, the first trip, the deviations from the model and the incident."""
+    """Yield the instruction, the preconditions, the first trip, the deviations from the model, and the incident."""
     if paragraphs := _instruction(result.instruction, result.title):
         yield section("What was tested", *paragraphs)
     if result.warnings or result.preconditions:
@@ -206,7 +208,9 @@ def _conditions(result: Result, record: Record, twin: TwinStory | None) -> Itera
 
 
 def _twin(twin: TwinStory) -> Markup:
-    """Return the comparison with the model: every deviation, and the judged parts."""
+    """Return the section on the comparison with the model: all deviations, and the parts of the run that
+    were judged.
+    """
     deviations: list[Markup | str] = [
         facts_table((label, getattr(one.summary, name)) for name, label in PARTS.items())
         if one.summary
@@ -245,7 +249,9 @@ _CHECK: Final = Markup("""\
 
 
 def _check_table(rows: Sequence[CheckRow], *, purpose: bool = False) -> Markup:
-    """Return the table of checks, each a group of rows: the values, with ``purpose`` the purpose, and the details."""
+    """Return the table of checks. Each check is a group of rows: values, details, and with ``purpose`` a sentence on
+    its purpose.
+    """
     bodies = []
     for row in rows:
         kind = row.check.verdict.value.replace(" ", "-")
@@ -289,7 +295,7 @@ def _results(result: Result, plots: PlotData) -> Iterator[Markup]:
 
 
 def _symbols(result: Result) -> str:
-    """Return the meaning of the symbols in the names of checks and axes; "" without a symbol."""
+    """Return sentences that explain the symbols in the names of checks and axes, or "" if there are none."""
     names = [
         *(one.name for one in result.checks),
         *(axis.label for one in result.curves for axis in (one.x, one.y)),
@@ -310,7 +316,7 @@ def _course(
     plots: PlotData,
     replay: dict[str, Any] | None,
 ) -> Iterator[Markup]:
-    """Yield the replay, the phases and the signals over time."""
+    """Yield the animated drawing, the phases, and the signals over time."""
     strips, panels = phase_strips(record, phases, span), time_panels(record, phases, span)
     if not strips and not panels:
         return
@@ -328,7 +334,7 @@ def _course(
 
 
 def _appendix(result: Result, record: Record, directory: Path) -> Iterator[Markup]:
-    """Yield timing, events, instruments, the facts to repeat the run, and later notes."""
+    """Yield timing, events, instruments, the facts to repeat the run, and notes added later."""
     if result.timing:
         yield _timing(result.timing)
     if events := event_rows(record):
@@ -364,14 +370,14 @@ def _note(one: Note) -> tuple[Markup, Markup]:
 
 
 def _result_of(record: Record, directory: Path) -> Result:
-    """Return the result in a directory, or one with the reason why it is missing."""
+    """Return the result in a directory. If there is none, return a result that states the reason."""
     if (directory / RESULT).exists():
         return read_result(directory)
     return result_without(record)
 
 
 def _instruction(docstring: str, title: str) -> list[Markup]:
-    """Return the docstring of the plan as paragraphs, without the title, which is in the head of the page.
+    """Return the docstring of the plan as paragraphs. Its title is left out, because the head of the page shows it.
 
     Lines that begin with an asterisk or a dash make a list.
     """
@@ -392,7 +398,7 @@ def _instruction(docstring: str, title: str) -> list[Markup]:
 
 
 def _prose(text: str) -> Markup:
-    """Return a text for the page, with code between backticks as HTML code elements."""
+    """Return a text for the page. Text between backticks becomes an HTML code element."""
     parts = primed(text).split("`")
     if len(parts) % 2 == 0:  # an unpaired backtick
         return escape(primed(text))
@@ -400,7 +406,9 @@ def _prose(text: str) -> Markup:
 
 
 def notable(checks: list[Check]) -> list[tuple[str, list[CheckRow], int]]:
-    """Return the checks for the first page: not passed, then close to a limit, each with the number of further ones."""
+    """Return the checks for the first page in two groups: not passed, and close to a limit. Each group has a title,
+    its rows, and the number of further checks.
+    """
     failed = [one for one in checks if not one.passed]
     # Failed checks come before those without a value.
     failed.sort(key=lambda one: one.verdict is not CheckVerdict.FAIL)
@@ -411,7 +419,7 @@ def notable(checks: list[Check]) -> list[tuple[str, list[CheckRow], int]]:
 
 
 def least_sure(checks: list[Check]) -> str:
-    """Return a sentence on the check with the lowest probability of conformity; "" if not all checks pass."""
+    """Return a sentence on the check with the lowest probability of conformity, or "" if not all checks pass."""
     known = [(one.conformity, one) for one in checks if one.conformity is not None]
     if not known or any(one.verdict is not CheckVerdict.PASS for one in checks):
         return ""
@@ -451,7 +459,7 @@ def _timing(timing: Timing) -> Markup:
 
 
 def _facts(meta: dict[str, Any], result: Result) -> list[tuple[str, str]]:
-    """Return the facts needed to repeat the run: flat, in order, each once."""
+    """Return the facts that are needed to repeat the run, as pairs of name and text."""
     others = {name: value for name, value in meta.items() if name not in {"title", "instruction"}}
     facts: dict[str, Any] = {"plan": result.plan, "rig": result.rig, "seed": result.seed, **others}
     if isinstance(known := meta.get("instruments"), dict):  # a table has the pieces
@@ -483,7 +491,7 @@ def _dimensions(meta: dict[str, Any]) -> list[Markup]:
 
 
 def headline(result: Result) -> str:
-    """Return the verdict as a sentence."""
+    """Return a sentence on the verdict."""
     if result.verdict is Outcome.BLOCKED:
         return result.reason
     total = len(result.checks)

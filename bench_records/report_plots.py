@@ -1,4 +1,4 @@
-"""The drawings of a report: each function returns one SVG element, the same bytes for the same data."""
+"""The drawings of a report. Each function returns one SVG element, with the same bytes for the same data."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ SWATCH = 13.0
 
 
 class Series(NamedTuple):
-    """One signal as drawn: label, times in s, values in display units."""
+    """The line of one signal: label, times in s, values in display units."""
 
     label: str
     times: Numbers
@@ -60,10 +60,11 @@ class Series(NamedTuple):
 
 
 def envelope(times: Numbers, values: Numbers, bins: int = BINS) -> tuple[Numbers, Numbers]:
-    """Return a series reduced to its extremes: minimum and maximum of each of ``bins`` intervals of time.
+    """Reduce a series to the minimum and the maximum in each of ``bins`` intervals of time. Return times and values.
 
-    All peaks stay, and no value is interpolated. Series that are short enough are returned unchanged. NaN breaks the
-    line only if a whole interval has no number; intervals without samples become NaN as well.
+    All peaks remain, and no value is interpolated. A series that is short enough is returned unchanged. Intervals
+    without samples become NaN, which interrupts the line. NaN values interrupt it only if an interval has no number at
+    all.
     """
     if times.size > 2 * bins:
         width = (times[-1] - times[0]) / bins
@@ -95,8 +96,8 @@ def time_panel(
     marks: Sequence[float] = (),
     levels: Sequence[float] = (),
 ) -> str:
-    """Return signals of one quantity over time, with shaded phases, marks at the times of trips, and limits as
-    levels.
+    """Return a drawing of signals of one quantity over time. Phases are shaded, ``marks`` are times of trips, and
+    ``levels`` are limits.
     """
     height = 1.62 + 0.17 * max(0, len(lines) - MANY_LINES)
     drawn = [envelope(line.times, line.values) for line in lines]
@@ -123,7 +124,7 @@ def time_panel(
 def strips(
     name: str, rows: Sequence[tuple[str, Sequence[tuple[float, float, str]]]], span: tuple[float, float]
 ) -> str:
-    """Return rows of named intervals over time: the phases, and every signal whose values have names."""
+    """Return rows of named intervals over time: the phases, and the signals whose values have names."""
     paper = Sheet(Margins(0.23 * len(rows) + 0.30, bottom=0.28, top=0.02), span, (len(rows) - 0.5, -0.5))
     points = (WIDTH_IN - LEFT_IN - RIGHT_IN) * 72 / (span[1] - span[0])
     # Alternating tones distinguish neighbours even in a poor copy.
@@ -145,8 +146,8 @@ def strips(
 
 
 def curve_panel(name: str, title: str, curves: Sequence[Curve]) -> str:
-    """Return curves that share their axes: loops with a sequence of colours, sweeps with marked points and their
-    limits.
+    """Return a drawing of curves that share their axes. Loops are lines in different colours; sweeps have marked
+    points and limits.
     """
     x, y = curves[0].x, curves[0].y
     traces, pointed = curve_traces(curves), curves[0].kind == "sweep"
@@ -180,7 +181,7 @@ def _line_style(trace: Trace, *, pointed: bool) -> Look:
 
 
 def _labels_below(paper: Sheet, traces: Sequence[Trace], *, pointed: bool) -> None:
-    """Name the lines below the axes, in as many rows as their names need."""
+    """Write the names of the lines below the axes, in as many rows as necessary."""
     left, down = paper.left, paper.bottom + 34.0
     for trace in traces:
         wide = SWATCH + 4.0 + WORD_WIDTH * len(trace.label)
@@ -194,7 +195,7 @@ def _labels_below(paper: Sheet, traces: Sequence[Trace], *, pointed: bool) -> No
 
 
 def _error_bars(paper: Sheet, trace: Trace) -> None:
-    """Draw the expanded uncertainty of each point on both sides."""
+    """Draw the expanded uncertainty of each point in both directions."""
     if trace.expanded is None:
         return
     low, high = trace.ys - trace.expanded, trace.ys + trace.expanded
@@ -203,15 +204,15 @@ def _error_bars(paper: Sheet, trace: Trace) -> None:
 
 
 def is_over_decades(curves: Sequence[Curve]) -> bool:
-    """Return whether the points are at frequencies, which are drawn on a logarithmic scale."""
+    """Return whether the points are at different frequencies, so that a logarithmic scale is used."""
     places = [n for one in curves for n in one.xs if n is not None]
     return curves[0].x.unit == "Hz" and bool(places) and min(places) > 0.0 and max(places) > 2.0 * min(places)
 
 
 def labelled_frequencies(curves: Sequence[Curve]) -> list[float]:
-    """Return the frequencies of the points that are labelled on a logarithmic scale without overlap.
+    """Return the frequencies that get a label on a logarithmic scale without overlap.
 
-    These are the lowest and the highest, and those between them, from the left, for which there is room.
+    These are the lowest and the highest, and from left to right those between them for which there is room.
     """
     places = sorted({n / one.x.scale for one in curves for n in one.xs if n})
     first, *_, last = places
@@ -229,7 +230,7 @@ def labelled_frequencies(curves: Sequence[Curve]) -> list[float]:
 
 
 def curve_traces(curves: Sequence[Curve]) -> list[Trace]:
-    """Return the lines of a group of curves in display units, then their limits, each once."""
+    """Return the lines of a group of curves in display units, followed by their limits. Equal limits occur once."""
     x, y = curves[0].x, curves[0].y
     traces = []
     for index, one in enumerate(curves):
@@ -265,12 +266,16 @@ def _expanded(one: Curve) -> Numbers | None:
 
 
 def _wide(index: int, count: int) -> float:
-    """Return the width of a line: earlier lines are wider, so that a line below another is visible at its edges."""
+    """Return the width of a line. Earlier lines are wider, so a line that is covered by another one is visible at its
+    edges.
+    """
     return 0.9 + 1.5 * (count - 1 - index) / (count - 1) if 1 < count <= MANY_LINES else 1.0
 
 
 def lateness(name: str, timing: Timing) -> str:
-    """Return a histogram of tick lateness; the scale of counts is logarithmic because the rare late ticks matter."""
+    """Return a histogram of the lateness of ticks. The scale of counts is logarithmic, because the few late ticks are
+    important.
+    """
     from matplotlib.ticker import LogLocator, NullLocator
 
     with style():
@@ -311,18 +316,20 @@ def _joined(*parts: str) -> str:
 
 
 def _right_of_axes(paper: Sheet, share: float) -> float:
-    """Return a position right of the axes, for a ``share`` of their width above 1."""
+    """Return a horizontal position in points, at ``share`` of the width of the axes. Above 1 it is right
+    of the axes.
+    """
     return paper.left + share * (paper.right - paper.left)
 
 
 def look(index: int, label: str) -> tuple[str, tuple[float, ...]]:
-    """Return colour and dashes of a line; lines of the right side are dashed."""
+    """Return colour and dashes of a line. Lines of the right side are dashed."""
     dash = DASH if "right" in label.split() else DOTS if index >= len(PALETTE) else ()
     return PALETTE[index % len(PALETTE)], dash
 
 
 def without_common_end(labels: Sequence[str]) -> list[str]:
-    """Return labels without the last word if all have it, because the title of the panel has it."""
+    """Return the labels without their last word if all have the same one. The title of the panel contains this word."""
     words = [label.split() for label in labels]
     if len(words) > 1 and len({one[-1] for one in words if one}) == 1 and all(len(one) > 1 for one in words):
         return [" ".join(one[:-1]) for one in words]
@@ -330,7 +337,9 @@ def without_common_end(labels: Sequence[str]) -> list[str]:
 
 
 def _side_labels(paper: Sheet, labels: Sequence[str]) -> None:
-    """Write names next to the lines, in their colours, which is easier to read than a legend."""
+    """Write the names of the lines right of the axes with a sample of each line. This is easier to read than a
+    legend.
+    """
     first = paper.top + 0.05 * (paper.bottom - paper.top)
     ends = [_right_of_axes(paper, share) for share in (1.012, 1.042)]
     for index, label in enumerate(labels):

@@ -1,10 +1,10 @@
 """The result of a test plan: checks of values against limits, and the verdict.
 
 A value with a standard uncertainty passes if it conforms with a probability of at least 97.5 %. It is *marginal* if it
-lies within its limits with a lower probability. A value without uncertainty is marginal if its distance to a limit is
+is within its limits with a lower probability. A value without uncertainty is marginal if its distance to a limit is
 less than ``margin`` times the width of the band. A marginal value passes, but needs attention. A value that is not a
-finite number is an *error* and never passes. A value that the rig cannot measure is *not available*, with the reason,
-and never passes either. All values are in SI; ``scale`` is the SI value of one display unit.
+finite number is an *error* and never passes. A value that the rig cannot measure is *not available*. It has a reason,
+and never passes. All values are in SI, and ``scale`` is the SI value of one display unit.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ MARGIN = 0.05
 
 
 class CheckVerdict(StrEnum):
-    """Verdict of one check."""
+    """The verdict of one check."""
 
     PASS = "pass"
     MARGINAL = "marginal"
@@ -37,10 +37,10 @@ class CheckVerdict(StrEnum):
 
 
 class Outcome(StrEnum):
-    """Verdict of a run.
+    """The verdict of a run.
 
-    Incomplete: all available checks passed, but others are not available on this rig. Blocked: the product was not
-    judged.
+    Incomplete: all available checks passed, but others are not available on this rig. Blocked: no verdict on the
+    specimen is possible.
     """
 
     PASS = "pass"
@@ -59,8 +59,9 @@ def judge(
 ) -> CheckVerdict:
     """Return the verdict on a value between limits, of which one may be None.
 
-    With a standard uncertainty ``u``, with the uniform part ``even``, the probability of conformity decides.
-    Without ``u`` the margin decides: a fraction of the band ``high - low``, or of the magnitude of a single limit.
+    With a standard uncertainty ``u``, the probability of conformity decides; ``even`` is the uniformly distributed
+    part of ``u``. Without ``u`` the margin decides: a fraction of the band ``high - low``, or of the magnitude of a
+    single limit.
     """
     if not math.isfinite(value):
         return CheckVerdict.ERROR
@@ -76,14 +77,14 @@ def judge(
 
 
 def band_width(low: float | None, high: float | None) -> float:
-    """Return the width for ``margin``: that of the band, or the magnitude of a single limit."""
+    """Return the width to which ``margin`` refers: that of the band, or the magnitude of a single limit."""
     if low is not None and high is not None:
         return high - low
     return abs(low if low is not None else high if high is not None else 0.0)
 
 
 class Check(msgspec.Struct, frozen=True, kw_only=True):
-    """One value against its limits; made by ``check``, which judges it, or by ``unavailable``."""
+    """One value and its limits. ``check`` makes it with a verdict, and ``unavailable`` makes it without a value."""
 
     name: str
     value: float | None
@@ -125,7 +126,7 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def number(self) -> float:
-        """The value in SI; NaN without a measured value."""
+        """Return the value in SI, or NaN if there is no measured value."""
         return math.nan if self.value is None else self.value
 
     @property
@@ -135,17 +136,17 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def k(self) -> float:
-        """The coverage factor of the expanded uncertainty, about 95 %."""
+        """Return the coverage factor of the expanded uncertainty, for a coverage of about 95 %."""
         return coverage_factor(self.even / self.u) if self.u else 2.0
 
     @property
     def expanded(self) -> float | None:
-        """The expanded uncertainty U = k u (SI)."""
+        """Return the expanded uncertainty U = k u (SI), or None if it is unknown."""
         return None if self.u is None else self.k * self.u
 
     @property
     def guard(self) -> float:
-        """The distance from a limit (SI) at which a value is not marginal."""
+        """Return the distance from a limit (SI) below which a value is marginal."""
         if self.u is None:
             return self.margin * band_width(self.low, self.high)
         return (guard_factor(self.even / self.u) if self.u else 0.0) * self.u
@@ -167,7 +168,9 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def written(self) -> tuple[str, str]:
-        """Value and expanded uncertainty in the display unit, rounded to the significant digits of the uncertainty."""
+        """Return value and expanded uncertainty as texts in the display unit, with the digits that the uncertainty
+        allows.
+        """
         limits = [limit / self.scale for limit in (self.low, self.high) if limit is not None]
         number, expanded = self.number / self.scale, (self.expanded or 0.0) / self.scale
         shown = decimals(number, expanded, limits)
@@ -192,10 +195,11 @@ def check(
     without: str = "",
     about: str = "",
 ) -> Check:
-    """Judge a value (SI) against limits (SI); ``u`` is its standard uncertainty, ``without`` the reason if it has none.
+    """Return the check of a value (SI) against limits (SI). ``u`` is its standard uncertainty; ``without`` is the
+    reason why it has none.
 
-    Raises ``ValueError`` for a check that could not fail or could not pass: no limit, limits that are not finite or in
-    the wrong order, a margin outside 0 to 0.5.
+    Raises ``ValueError`` if the check could not fail or could not pass: it has no limit, its limits are not finite or
+    in the wrong order, or its margin is outside 0 to 0.5.
     """
     value = float(value) if math.isfinite(value) else math.nan
     low, high = (None if limit is None else float(limit) for limit in (low, high))
@@ -223,7 +227,9 @@ def check(
 
 
 def unavailable(name: str, reason: str, *, phase: str = "", about: str = "") -> Check:
-    """Return a check that is not available on this rig, with the ``reason``. Raises ValueError without a reason."""
+    """Return a check that is not available on this rig, for the ``reason``. Raises ValueError if the
+    reason is empty.
+    """
     return Check(
         name=name,
         value=math.nan,
@@ -278,11 +284,11 @@ def _shown(value: float | None, scale: float, unit: str = "") -> str:
 
 
 class Timing(msgspec.Struct, frozen=True, kw_only=True):
-    """Lateness of the ticks of the rig; times in seconds.
+    """The lateness of the ticks of the rig. Times are in seconds.
 
-    ``counts[i]`` ticks were at most ``edges[i]`` late, and more than the edge before; the last count has no upper edge.
-    In virtual time no tick is late: the lists are empty and the figures None. ``disturbed`` is the number of late ticks
-    during the measurement of a check, by its name.
+    ``counts[i]`` ticks were at most ``edges[i]`` late, and more than the previous edge. The last count has no upper
+    edge. In virtual time no tick is late: the lists are empty and the figures None. ``disturbed`` has, by the name of
+    a check, the number of late ticks during its measurement.
     """
 
     ticks: int
@@ -305,7 +311,7 @@ class Timing(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SpecimenFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """The specimen on the bench, and the file with its drawing and limits."""
+    """The specimen on the bench, and the file with its drawing values and limits."""
 
     type: str
     serial_number: str
@@ -318,7 +324,7 @@ class SpecimenFacts(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Result(msgspec.Struct, frozen=True, kw_only=True):
-    """All results of a run of a plan; made by ``conclude``, which determines the verdict."""
+    """All results of a run of a plan. ``conclude`` makes it and determines the verdict."""
 
     plan: str
     title: str
@@ -346,7 +352,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def duration(self) -> float:
-        """Seconds from the start of the record to the end of the last phase."""
+        """Return the time (s) from the start of the record to the end of the last phase."""
         return max((phase.end for phase in self.phases), default=0.0)
 
     def count(self, verdict: CheckVerdict) -> int:
@@ -354,12 +360,12 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
         return sum(1 for one in self.checks if one.verdict is verdict)
 
     def to_json(self) -> bytes:
-        """Return the result as indented JSON, the same bytes for the same result."""
+        """Return the result as indented JSON. Equal results give equal bytes."""
         return msgspec.json.format(msgspec.json.encode(self), indent=2) + b"\n"
 
     @staticmethod
     def from_json(data: bytes) -> Result:
-        """Return the result that ``to_json`` wrote. Raises ``RecordError`` for anything else."""
+        """Return the result from the JSON of ``to_json``. Raises ``RecordError`` for other content."""
         try:
             return msgspec.json.decode(data, type=Result)
         except (msgspec.MsgspecError, RecursionError, UnicodeError) as error:
@@ -368,7 +374,7 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
             ) from error
 
     def write(self, directory: Path | str) -> Path:
-        """Write ``result.json`` to the directory; return its path."""
+        """Write ``result.json`` to the directory. Return its path."""
         path = Path(directory) / RESULT
         path.parent.mkdir(parents=True, exist_ok=True)
         put(path, self.to_json())
@@ -378,11 +384,11 @@ class Result(msgspec.Struct, frozen=True, kw_only=True):
 def conclude(
     plan: str, title: str, instruction: str, checks: Sequence[Check], *, reason: str = "", **rest: Any
 ) -> Result:
-    """Return the result of a run.
+    """Return the result of a run with its verdict.
 
-    A ``reason`` gives the origin of a fault, and blocks the run, because a faulty rig may also have affected earlier
+    A ``reason`` describes a fault of the rig. It blocks the run, because the fault may also have affected earlier
     checks. Without a reason, one failed check fails the run. A run with a check in error, or without an available
-    check, is blocked. Any other run is incomplete if a check is not available on this rig, else it passes.
+    check, is blocked. Any other run is incomplete if a check is not available on this rig. Otherwise it passes.
     """
     verdict, cause = _outcome(checks, reason)
     return Result(
@@ -413,7 +419,9 @@ def _outcome(checks: Sequence[Check], reason: str) -> tuple[Outcome, str]:
 
 
 def read_result(directory: Path | str) -> Result:
-    """Return the ``result.json`` of a directory. Raises ``RecordError`` if it is missing or has another format."""
+    """Return the result from ``result.json`` in a directory. Raises ``RecordError`` if it is missing or has another
+    format.
+    """
     path = Path(directory) / RESULT
     with file_errors(path, RecordError):
         data = read_bounded(path, RESULT_BYTES)

@@ -28,13 +28,15 @@ TRIP = "trip"
 
 
 def numbered(phases: list[Phase]) -> list[tuple[str, Phase]]:
-    """Return phases with their numbers in the strip; set-up, main and tear-down have names there instead."""
+    """Return pairs of a phase's number in the strip and the phase. Set-up, main and tear-down have no
+    number, but "".
+    """
     numbers = count(1)
     return [(str(next(numbers)) if phase.level else "", phase) for phase in phases]
 
 
 def phase_list(phases: list[Phase]) -> Markup:
-    """The numbers, names and durations of phases; empty without any."""
+    """Return a list of the numbers, names and durations of phases, or empty markup if there are none."""
     lines = [
         element("span", number, "no")
         + element("span", phase.name, "" if phase.level else "part")
@@ -45,15 +47,15 @@ def phase_list(phases: list[Phase]) -> Markup:
 
 
 class Drawn(NamedTuple):
-    """A drawing as a picture, and its numbers for zooming."""
+    """A drawing as a picture, and its numbers for the zoom."""
 
     picture: str
     plot: Plot
 
 
 def time_panels(record: Record, phases: list[Phase], span: tuple[float, float]) -> list[Drawn]:
-    """Return a drawing over ``span`` (s) for each quantity, with shaded phases of the finest level and the first
-    trip.
+    """Return a drawing over the time ``span`` (s) for each quantity. The phases of the deepest level are shaded, and
+    the first trip is marked.
     """
     from bench_records.report_plots import time_panel
 
@@ -82,7 +84,9 @@ def _fine(lines: list[Series]) -> list[Trace]:
 
 
 def lines_by_quantity(record: Record, names: list[str]) -> list[tuple[str, str, list[Series]]]:
-    """Return the drawn signals by quantity, in the order of the table of signals; one unit in a panel."""
+    """Return quantity, unit and lines of each panel, in the order of the table of signals. A panel has one quantity
+    and one unit.
+    """
     from bench_records.report_plots import Series
 
     panels: dict[tuple[str, str], list[Series]] = {}
@@ -98,7 +102,9 @@ def lines_by_quantity(record: Record, names: list[str]) -> list[tuple[str, str, 
 
 
 def phase_strips(record: Record, phases: list[Phase], span: tuple[float, float]) -> str:
-    """Return the phases by level, and the signals whose values have names, over ``span`` (s)."""
+    """Return a drawing over the time ``span`` (s) of the phases by level, and of the signals whose values
+    have names.
+    """
     import numpy as np
 
     from bench_records.report_plots import strips
@@ -133,14 +139,14 @@ def phase_strips(record: Record, phases: list[Phase], span: tuple[float, float])
 
 
 class Table(NamedTuple):
-    """Numbers of sweeps over the same points."""
+    """The numbers of sweeps that have the same points."""
 
     columns: list[str]
     rows: list[list[str]]
 
 
 def curve_plots(curves: list[Curve]) -> list[Drawn]:
-    """Return a plot for each group of curves that share their axes, in the order in which they were stored."""
+    """Return a plot for each group of curves that share their axes, in the stored order."""
     from bench_records.report_plots import curve_panel, curve_traces, is_over_decades, labelled_frequencies
 
     groups: dict[tuple[str, Axis, Axis, Any], list[Curve]] = {}
@@ -160,7 +166,9 @@ def _titled(axis: Axis) -> str:
 
 
 def curve_tables(curves: list[Curve]) -> list[Table]:
-    """Return tables of all sweeps, those over the same points side by side; loops have too many points."""
+    """Return tables of all sweeps. Sweeps with the same points are side by side. Loops have too many points for a
+    table.
+    """
     over: dict[tuple[Axis, tuple[float | None, ...]], list[Curve]] = {}
     for one in curves:
         if one.kind == "sweep":

@@ -1,4 +1,4 @@
-"""Reader of the folder of a run, whether the run has ended, was interrupted, or is still running."""
+"""Reads the folder of a run. The run may have ended, may have been interrupted, or may still be running."""
 
 from __future__ import annotations
 
@@ -24,14 +24,16 @@ _OF_THE_STREAM: Final = {"start_ns", "signals"}
 
 
 class Unfinished(StrEnum):
-    """State of a run without a result."""
+    """The state of a run without a result."""
 
     INTERRUPTED = "interrupted"
     RUNNING = "running"
 
 
 class RunFolder(NamedTuple):
-    """A run: its result (made from the record if there is none), the facts of its origin, and its verdict."""
+    """A run: its result, the facts about its origin, and its verdict. Without a result file, the result is made from
+    the record.
+    """
 
     result: Result
     facts: dict[str, Any]
@@ -54,7 +56,9 @@ def open_run(directory: Path) -> RunFolder:
 
 
 def result_without(record: Record) -> Result:
-    """Return the result of an interrupted run without one: its checks until then, and the phase in which it ended."""
+    """Return a result for an interrupted run: its checks so far, and as the reason the phase in which it was
+    interrupted.
+    """
     inside = [phase.name for phase in record.phases if phase.end >= record.duration]
     where = f", in {' › '.join(inside)}" if inside else ""
     return _unfinished(
@@ -67,7 +71,8 @@ def result_without(record: Record) -> Result:
 
 
 def facts_of(directory: Path) -> dict[str, Any]:
-    """Return the origin of a run from `meta.json` or, after a failure of the disk, from the stream, without events.
+    """Return the facts about the origin of a run from `meta.json`. If a disk error left a stream, they are read from
+    it.
 
     The result is empty if neither can be read.
     """
@@ -80,7 +85,7 @@ def facts_of(directory: Path) -> dict[str, Any]:
 
 
 def _head_facts(directory: Path) -> dict[str, Any]:
-    """Return the origin of a run from the head of the stream."""
+    """Return the facts about the origin of a run from the head of its stream."""
     return {key: one for key, one in read_head(directory / STREAM).items() if key not in _OF_THE_STREAM}
 
 
@@ -111,7 +116,7 @@ def _unfinished(
 
 
 def _details(events: list[RecordedEvent], kind: str, form: Any) -> list[Any]:
-    """Return the data of events of a kind; events of earlier versions have only a text."""
+    """Return the data of all events of a ``kind``. Events of earlier versions without such data are left out."""
     found = []
     for event in events:
         if event.kind == kind:
@@ -121,9 +126,10 @@ def _details(events: list[RecordedEvent], kind: str, form: Any) -> list[Any]:
 
 
 def circumstances(meta: Mapping[str, Any]) -> list[str]:
-    """Return texts on simulation and time of a run from its meta data; empty for a real rig in real time.
+    """Return texts on simulation and time of a run from its meta data. The list is empty for a real rig in real time.
 
-    ``simulated`` (bool), ``time`` ("virtual"), ``effects`` and ``change`` (name to text), ``sealed_effects`` (bool).
+    Keys of the meta data: ``simulated`` (bool), ``time`` ("virtual"), ``effects`` and ``change`` (name to text),
+    ``sealed_effects`` (bool).
     """
     words = []
     if meta.get("simulated"):
@@ -138,7 +144,7 @@ def circumstances(meta: Mapping[str, Any]) -> list[str]:
 
 
 def flattened(facts: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the values of nested tables, each with its path of names: ``parameters › sha256``."""
+    """Yield the values in nested tables, each with the path of its names, such as ``parameters › sha256``."""
     for key, value in facts.items():
         name = f"{above} \u203a {key}" if above else str(key)
         if isinstance(value, dict):

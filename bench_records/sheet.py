@@ -1,6 +1,7 @@
-"""Axes of a drawing as SVG: scales with their numbers, lines, points and filled areas.
+"""The axes of a drawing as SVG: scales with their numbers, lines, points and filled areas.
 
-The text is text of the page, in the font of the page, and only needs the start, the end or the middle of each text.
+Texts remain text in the font of the page. The width of a text is not needed, because its start, middle or end is
+given.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ LARGEST: Final = 1e300
 
 
 class Margins(NamedTuple):
-    """The size of a drawing and the margins around its axes (inches)."""
+    """The size of a drawing and the margins around its axes, in inches."""
 
     height: float
     width: float = WIDTH_IN
@@ -51,7 +52,9 @@ class Margins(NamedTuple):
 
 
 class Look(NamedTuple):
-    """How a line is drawn: dashes in widths of the line; sizes of the dot and of the bar at each point in points."""
+    """The style of a line. Dashes are in multiples of the line width. ``dot`` and ``bar`` are the sizes (points) of a
+    mark at each point.
+    """
 
     color: str
     width: float
@@ -65,7 +68,8 @@ SCALE: Final = Look("#9aa3ab", 0.7)
 
 
 class Sheet:
-    """One drawing, with positions in points from the upper left corner; ``across`` and ``up`` are its scales' ranges.
+    """One drawing. Positions are in points from the upper left corner. ``across`` and ``up`` are the ranges of the
+    horizontal and the vertical scale.
 
     Later parts are drawn over earlier ones.
     """
@@ -78,14 +82,14 @@ class Sheet:
         self._parts: list[str] = []
 
     def x(self, value: Any) -> Any:
-        """Return the horizontal position of a value, or of an array of values, in points."""
+        """Return the horizontal position in points of a value, or of an array of values."""
         low, high = self._across
         if self._logarithmic:
             low, high, value = math.log(low), math.log(high), np.log(value)
         return self.left + (value - low) / (high - low) * (self.right - self.left)
 
     def y(self, value: Any) -> Any:
-        """Return the vertical position of a value, or of an array of values, in points."""
+        """Return the vertical position in points of a value, or of an array of values."""
         low, high = self._up
         return self.bottom - (value - low) / (high - low) * (self.bottom - self.top)
 
@@ -100,13 +104,13 @@ class Sheet:
         color: str = SOFT,
         bold: bool = False,
     ) -> None:
-        """Add a text at ``y`` that begins, ends or has its middle at ``x``."""
+        """Add a text at the height ``y``. Its start, middle or end (``anchor``) is at ``x``."""
         weight = "font-weight: 700; " if bold else ""
         look = f"{weight}font-size: {size:g}px; text-anchor: {anchor}; fill: {color}"
         self._parts.append(f'<text style="{look}" x="{x:.2f}" y="{y:.2f}">{html.escape(text)}</text>')
 
     def mark_scale_without_zero(self) -> None:
-        """Draw a zigzag on the vertical scale, at the end toward zero, if the scale does not include zero."""
+        """Draw a zigzag on the vertical scale, at the end nearest to zero, if the scale does not include zero."""
         low, high = self._up
         if low <= 0.0 <= high:
             return
@@ -119,14 +123,15 @@ class Sheet:
         )
 
     def heading(self, title: str, measured: str) -> None:
-        """Add the title on the left above the axes, and the quantity and its unit on the right."""
+        """Add the title on the left above the axes, and quantity and unit on the right."""
         self.write(self.left, self.top - 5, title, size=9.5, color=INK, bold=True)
         self.write(self.right, self.top - 5, measured, size=8.5, anchor="end")
 
     def horizontal_scale(self, *, lines: bool = True, ticks: Sequence[float] = ()) -> str:
-        """Add the horizontal scale with its numbers, and lines above them; return their common factor, if any.
+        """Add the horizontal scale with numbers and grid lines. Return the common factor of the numbers as text, or
+        "".
 
-        Without ``ticks``, the values that have a number, equidistant ones are found.
+        ``ticks`` are the values that get a number. Without them, equidistant values are used.
         """
         places, factor = _ticks(*self._across, ACROSS) if not ticks else ([(n, number(n)) for n in ticks], "")
         for value, text in places:
@@ -137,7 +142,9 @@ class Sheet:
         return factor
 
     def vertical_scale(self) -> str:
-        """Add the vertical scale with its numbers, and lines next to them; return their common factor, if any."""
+        """Add the vertical scale with numbers and grid lines. Return the common factor of the numbers as
+        text, or "".
+        """
         places, factor = _ticks(*self._up, UP)
         for value, text in places:
             self.write(self.left - GAP, self.y(value) + OF_FIGURES * NUMBERS, text, anchor="end")
@@ -154,11 +161,11 @@ class Sheet:
         self.stroke((self.left, self.right), [self.y(value)] * 2, look)
 
     def seconds(self) -> None:
-        """Add the unit "s" next to the last number of the scale, where there is free space."""
+        """Add the unit "s" after the last number of the horizontal scale."""
         self.write(self.right + 9, self.bottom + 3.2 + FROM_ABOVE * NUMBERS, "s")
 
     def fill(self, boxes: Iterable[Box], color: str) -> None:
-        """Fill rectangles, given by values, as one shape."""
+        """Fill rectangles, given in values of the scales, as one shape."""
         parts = []
         for x0, y0, x1, y1 in boxes:
             left, low, right, high = (
@@ -168,17 +175,17 @@ class Sheet:
         self._shape("".join(parts), f'fill="{color}"')
 
     def shade(self, stretches: Iterable[tuple[float, float]], color: str) -> None:
-        """Fill the whole height between two values of the horizontal scale."""
+        """Fill the full height between pairs of values of the horizontal scale."""
         self.fill(((start, self._up[0], end, self._up[1]) for start, end in stretches), color)
 
     def line(self, xs: Any, ys: Any, look: Look) -> None:
-        """Draw a line through values; a NaN is a gap, as is a place beside the horizontal scale."""
+        """Draw a line through values. NaN makes a gap, and so does a value beyond the horizontal scale."""
         xs, ys = (np.where(abs(one) < LARGEST, one, np.nan) for one in (np.asarray(xs), np.asarray(ys)))
         xs = np.where((xs < self._across[0]) | (xs > self._across[1]), np.nan, xs)
         self.stroke(self.x(xs), self.y(ys), look)
 
     def stroke(self, xs: Any, ys: Any, look: Look) -> None:
-        """Draw a line through positions in points, as `line` does through values."""
+        """Draw a line through positions in points. NaN makes a gap."""
         points = np.rint(FINE * np.column_stack((xs, ys)))
         places = (
             points[np.isfinite(points).all(axis=1)].astype(np.int64).tolist() if look.dot or look.bar else ()
@@ -198,7 +205,7 @@ class Sheet:
             self._shape(bars, f'stroke="{look.color}" stroke-width="{FINE}"')
 
     def drawn(self, name: str) -> str:
-        """Return the drawing as an SVG element for the page."""
+        """Return the drawing as an SVG element for a page."""
         head = f'<svg class="plot" id="{name}" viewBox="0 0 {self._width:g} {self._height:g}" role="group">'
         return "\n".join([head, *self._parts, "</svg>"])
 
@@ -208,7 +215,9 @@ class Sheet:
 
 
 def scale_range(values: Iterable[Numbers], margin: float, *, logarithmic: bool = False) -> Range:
-    """Return the range of all finite values, widened by ``margin`` of it at both ends; equal values get a range."""
+    """Return the range of all finite values, widened at both ends by the fraction ``margin``. If all values are
+    equal, the range is still not empty.
+    """
     numbers = np.concatenate([np.ravel(one) for one in values] or [np.empty(0)])
     numbers = numbers[abs(numbers) < LARGEST]
     if not numbers.size:
@@ -225,7 +234,7 @@ def scale_range(values: Iterable[Numbers], margin: float, *, logarithmic: bool =
 
 
 def _ticks(low: float, high: float, most: int) -> tuple[list[tuple[float, str]], str]:
-    """Return the ticks of a scale within its range, with their numbers, and the common factor of all numbers.
+    """Return the ticks of a scale with their numbers as text, and the common factor of the numbers as text.
 
     There are at most ``most`` intervals of 1, 2, 2.5 or 5 times a power of ten.
     """
@@ -242,7 +251,7 @@ def _ticks(low: float, high: float, most: int) -> tuple[list[tuple[float, str]],
 
 
 def _path(points: Numbers) -> str:
-    """Return the SVG path through whole numbers, shape (n, 2), without the points within straight lines."""
+    """Return the SVG path through integer positions (n, 2). Points within straight lines are left out."""
     known = np.isfinite(points.sum(axis=1))
     ends = np.flatnonzero(np.diff(known)) + 1
     parts = []

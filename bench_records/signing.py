@@ -1,4 +1,6 @@
-"""The parts of a report for signing: operator, specimen, date, place, instruments, and checksums of the files."""
+"""The parts of a report for its signatures: operator, specimen, date, place, instruments, and checksums of
+the files.
+"""
 
 from __future__ import annotations
 
@@ -23,14 +25,14 @@ SHORT: Final = 12
 
 
 class Entry(NamedTuple):
-    """One fact in the head; without a text, a line to fill in by hand."""
+    """One fact in the head of a report. If the text is empty, there is a line to fill in by hand."""
 
     name: str
     text: str
 
 
 class Instrument(NamedTuple):
-    """An instrument and the readings that it gave."""
+    """An instrument, and the names of the readings that it measured."""
 
     readings: str
     type: str
@@ -41,7 +43,9 @@ class Instrument(NamedTuple):
 
 
 def identification(record: Record, result: Result, duration: float) -> list[Entry]:
-    """Return the first table of a report: the standard entries, even if empty, and the additional ones of this run."""
+    """Return the entries of the first table in a report: the standard entries, even if empty, and further ones of
+    this run.
+    """
     meta, specimen = record.meta, result.specimen
     virtual = meta.get("time") == "virtual"
     entries = [
@@ -67,7 +71,7 @@ def identification(record: Record, result: Result, duration: float) -> list[Entr
 
 
 def instruments_of(meta: Mapping[str, Any]) -> list[Instrument]:
-    """Return the instruments of a run, each once with all its readings."""
+    """Return the instruments of a run, each once, with all its readings."""
     instruments = meta.get("instruments", {})
     found: dict[tuple[str, ...], list[str]] = {}
     for piece in instruments.get("pieces", ()) if isinstance(instruments, dict) else ():
@@ -80,14 +84,14 @@ def instruments_of(meta: Mapping[str, Any]) -> list[Instrument]:
 
 
 def files_of(directory: Path) -> list[tuple[str, str]]:
-    """Return the source files of a report with their checksums."""
+    """Return the names of the source files of a report, with their checksums."""
     return [(name, sha256_of(directory / name)) for name in (PARQUET, RESULT) if (directory / name).exists()]
 
 
 def footing(result: Result, files: list[tuple[str, str]]) -> str:
-    """Return the footer of every printed page, as the content of a string in a style sheet.
+    """Return the footer of every printed page, escaped for a string in a style sheet.
 
-    All characters except letters and digits are escaped by their number, so that no text can end the string.
+    All characters except letters and digits are escaped by their number, so no text can end the string.
     """
     record = next((f"record {checksum[:SHORT]}" for name, checksum in files if name == PARQUET), "")
     serial = f"no. {result.specimen.serial_number}" if result.specimen else ""

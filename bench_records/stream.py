@@ -1,7 +1,7 @@
-"""The stream that a run writes: its lock, and its contents, even if it is cut off at any byte.
+"""The stream that a run writes: its lock, and its contents, even if the file ends at any byte.
 
-Its head is written first. Its writer holds a lock, which the operating system releases when the process ends for any
-reason. So a stream without a lock belongs to an interrupted run.
+The head of the stream is written first. The writer holds a lock, which the operating system releases when the process
+ends for any reason. So a stream without a lock belongs to an interrupted run.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _END: Final = b"\xff\xff\xff\xff\x00\x00\x00\x00"
 
 
 class Recovery(msgspec.Struct, frozen=True):
-    """The readable contents of a stream that was cut off."""
+    """How much of a stream could be read after its writer had ended."""
 
     samples: int
     events: int
@@ -49,7 +49,9 @@ class Recovery(msgspec.Struct, frozen=True):
 
 
 class Streamed(NamedTuple):
-    """The contents of a stream; the table has ``time_ns``, ``signal`` (an index into the signals) and ``value``."""
+    """The contents of a stream. The table has the columns ``time_ns``, ``signal`` (index of the signal) and
+    ``value``.
+    """
 
     facts: dict[str, Any]
     signals: list[SignalInfo]
@@ -73,7 +75,8 @@ def refuse_held(directory: Path) -> None:
 
 
 def read_head(stream: Path) -> dict[str, Any]:
-    """Return the meta data of a stream, with ``start_ns`` and ``signals``, also while it is written.
+    """Return the meta data of a stream, with ``start_ns`` and ``signals``. The stream may still be in use by its
+    writer.
 
     Raises ``RecordError`` if the file is not a stream of this format.
     """
@@ -148,7 +151,7 @@ def _facts(schema: pa.Schema, stream: Path) -> dict[str, Any]:
 
 @contextmanager
 def metadata_errors(path: Path) -> Iterator[None]:
-    """Convert errors in the block to RecordError: the meta data of a file are damaged."""
+    """Convert errors in the ``with`` block to RecordError, which states that the meta data of the file are damaged."""
     try:
         yield
     except (msgspec.MsgspecError, KeyError, UnicodeError, RecursionError):

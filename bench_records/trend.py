@@ -1,4 +1,4 @@
-"""One check of one specimen over its life: every value with its limits, the scatter and the drift."""
+"""One check of one specimen over many runs: every value with its limits, the scatter and the drift."""
 
 from __future__ import annotations
 
@@ -17,19 +17,21 @@ CONFIDENCE: Final = 0.95
 
 
 class Drift(msgspec.Struct, frozen=True):
-    """A fitted line through values over time: SI per day, with the half-width of its 95 % interval."""
+    """A line fitted to values over time: its slope in SI per day, and half the width of its 95 % interval."""
 
     per_day: float
     half_width: float
 
     @property
     def is_seen(self) -> bool:
-        """Whether the interval excludes zero."""
+        """Whether the interval of the drift excludes zero."""
         return abs(self.per_day) > self.half_width
 
 
 class Trend(msgspec.Struct, frozen=True, kw_only=True):
-    """The values of one check, oldest first. ``scatter`` is the standard deviation about mean or drift (SI)."""
+    """The values of one check, oldest first. ``scatter`` is the standard deviation (SI) from the drift if it is
+    significant, otherwise from the mean.
+    """
 
     name: str
     checks: list[KeptCheck]
@@ -40,9 +42,9 @@ class Trend(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def trend_of(name: str, checks: Sequence[KeptCheck]) -> Trend:
-    """Return the trend of the values of ``checks``. Checks without a value are listed, but not part of the statistics.
+    """Return the trend of ``checks``. Checks without a value are listed, but do not count in the statistics.
 
-    The drift is a least-squares line with Student's interval; it assumes independent values with equal scatter.
+    The drift is a least-squares line with Student's interval. It assumes independent values with equal scatter.
     """
     instants = [datetime.fromisoformat(one.run.began).timestamp() for one in checks]
     days = [(instant - min(instants)) / DAY for instant in instants]

@@ -1,4 +1,6 @@
-"""Results of the twin, the model that runs in parallel with a run; stored in the directory of the run."""
+"""The results of the twin, the model that is simulated in parallel with a run. They are stored in the directory of
+the run.
+"""
 
 from pathlib import Path
 from typing import Final
@@ -20,7 +22,9 @@ PARTS: Final = {
 
 
 class Judged(msgspec.Struct, frozen=True):
-    """A part of the run (times in s): whether the rig agreed with its model; None if it cannot be judged (``why``)."""
+    """A part of the run (times in s). ``along`` is whether the rig agreed with its model. It is None if this cannot
+    be judged; ``why`` is the reason.
+    """
 
     start: float
     end: float
@@ -29,7 +33,7 @@ class Judged(msgspec.Struct, frozen=True):
 
 
 class PossibleCause(msgspec.Struct, frozen=True):
-    """A cause that explains a deviation; size and interval (k = 2) in SI, times in s of the run."""
+    """A cause that explains a deviation. Size and interval (k = 2) are in SI, and times are in s of the run."""
 
     name: str
     title: str
@@ -63,7 +67,7 @@ class DeviationState(msgspec.Struct, frozen=True):
 
 
 class Summary(msgspec.Struct, frozen=True):
-    """Summary of a deviation: the fault and its size, the certainty, the evidence and the next step."""
+    """Summary of a deviation: the fault and its size, the certainty, the evidence, and the next step."""
 
     wrong: str
     sure: str
@@ -72,11 +76,12 @@ class Summary(msgspec.Struct, frozen=True):
 
 
 class Deviation(msgspec.Struct, frozen=True, rename={"detected": "told"}):
-    """Deviation of rig and model: detected at ``detected`` s, begun at about ``since`` s, first in ``channel``.
+    """A deviation between rig and model. It was detected at ``detected`` s in ``channel``, and began at about
+    ``since`` s.
 
-    ``measured``, ``expected`` and ``band`` (k = 2) are means in SI over the block in which it was detected. Each of
-    ``causes`` explains the deviation alone. Without such a cause, each of ``pairs`` is two causes that explain it
-    together. If both are empty, the deviation has no known explanation.
+    ``measured``, ``expected`` and ``band`` (k = 2) are means in SI over the time block in which it was detected. Each
+    of ``causes`` alone explains the deviation. If there is no such cause, each of ``pairs`` is two causes that
+    together explain it. If both are empty, there is no known explanation.
     """
 
     detected: float
@@ -103,9 +108,9 @@ class Deviation(msgspec.Struct, frozen=True, rename={"detected": "told"}):
 
 
 class Compared(msgspec.Struct, frozen=True):
-    """Means of a channel and its model over blocks of time (SI): reading, expected value, and its band (k = 2).
+    """Means of a channel and of its model over blocks of time (SI): reading, expected value, and band (k = 2).
 
-    None for a block without readings.
+    A block without readings has None.
     """
 
     channel: str
@@ -115,7 +120,7 @@ class Compared(msgspec.Struct, frozen=True):
 
 
 class LastMinute(msgspec.Struct, frozen=True):
-    """All channels in the last minute that could be judged; ``times`` are the middles of blocks, in s of the run.
+    """All channels in the last minute that could be judged. ``times`` are the middles of the blocks, in s of the run.
 
     A block without readings separates two judged parts.
     """
@@ -125,7 +130,7 @@ class LastMinute(msgspec.Struct, frozen=True):
 
 
 class TwinStory(msgspec.Struct, frozen=True, rename={"all_deviations": "partings", "last_minute": "lately"}):
-    """All results of the twin up to ``until`` s of the run; ``model`` is its parameter set or file."""
+    """All results of the twin up to ``until`` s of the run. ``model`` is the name of its parameter set or file."""
 
     model: str
     until: float
@@ -135,17 +140,17 @@ class TwinStory(msgspec.Struct, frozen=True, rename={"all_deviations": "partings
 
     @property
     def judged_for(self) -> float:
-        """Seconds of the run that could be judged."""
+        """Return how many seconds of the run could be judged."""
         return sum(one.end - one.start for one in self.judged if one.along is not None)
 
     @property
     def deviations(self) -> tuple[Deviation, ...]:
-        """All deviations that were not withdrawn, including those that are over."""
+        """Return all deviations that were not withdrawn. Deviations that have ended are included."""
         return tuple(one for one in self.all_deviations if not one.withdrawn)
 
     @property
     def present_deviation(self) -> Deviation | None:
-        """The last deviation that lasts; None if the rig agrees with its model now."""
+        """Return the latest deviation that still lasts, or None if the rig agrees with its model now."""
         return next((one for one in reversed(self.all_deviations) if one.lasts), None)
 
 
@@ -156,7 +161,7 @@ def write_twin(directory: Path, story: TwinStory) -> None:
 
 
 def read_twin(directory: Path) -> TwinStory | None:
-    """Return the results of the twin; None for a run without one. Raises RecordError if the file is damaged."""
+    """Return the results of the twin, or None for a run without a twin. Raises RecordError if the file is damaged."""
     path = directory / TWIN
     if not path.exists():
         return None

@@ -1,4 +1,4 @@
-"""Numbers, units and symbols as a report prints them: thin spaces, true minus signs, powers of ten, kN·s/m, K″."""
+"""Numbers, units and symbols as a report prints them: thin spaces, minus signs, powers of ten, kN·s/m, K″."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ _UNITS = {"1": "", "deg": "°", "degC": "°C", "us": "µs"}
 
 
 def unit(name: str) -> str:
-    """Return the printed form of a unit: ``kN*s/m`` as kN·s/m and ``m2`` as m²; "" for a pure number."""
+    """Return the printed form of a unit, such as kN·s/m for ``kN*s/m`` and m² for ``m2``. It is "" for a
+    pure number.
+    """
     if name in _UNITS:
         return _UNITS[name]
     powers = re.sub(r"(?<=[A-Za-z])-?[23]\b", lambda m: m[0].translate(SUPERSCRIPT), name)
@@ -23,17 +25,17 @@ def unit(name: str) -> str:
 
 
 def primed(text: str) -> str:
-    """Return a text with typographic primes after capitals: ' becomes ′, and '' becomes ″."""
+    """Return a text with typographic primes after capital letters: ' becomes ′, and '' becomes ″."""
     return re.sub(r"\b([A-Z])(\'{1,2})(?![\w\'])", lambda m: m[1] + ("′" if len(m[2]) == 1 else "″"), text)
 
 
 def seconds(value: float) -> str:
-    """Return a time in s with its unit, to a tenth."""
+    """Return a time in s as text with its unit and one decimal."""
     return f"{value:.1f}{THIN_SPACE}s"
 
 
 def fixed(value: float, decimals: int) -> str:
-    """Return a number with ``decimals`` decimals; a dash for NaN or ∞."""
+    """Return a number as text with ``decimals`` decimals, or a dash for NaN or ∞."""
     if not math.isfinite(value):
         return "\u2013"
     whole, _, fraction = f"{value:,.{decimals}f}".partition(".")
@@ -42,7 +44,7 @@ def fixed(value: float, decimals: int) -> str:
 
 
 def aligned(text: str, most: int) -> str:
-    """Pad a text on the right, so that decimal points are aligned in a right-aligned column."""
+    """Return the text with spaces at its end. In a right-aligned column the decimal points are then aligned."""
     _, point, fraction = text.partition(".")
     return text + ("" if point or not most else PUNCTUATION_SPACE) + FIGURE_SPACE * (most - len(fraction))
 
@@ -53,7 +55,7 @@ def is_scientific(text: str) -> bool:
 
 
 def scientific(value: float, decimals: int) -> str:
-    """Return a number as mantissa and power of ten; a dash for NaN or ∞."""
+    """Return a number as text with mantissa and power of ten, or a dash for NaN or ∞."""
     if not math.isfinite(value):
         return "\u2013"
     mantissa, _, exponent = f"{value:.{decimals}e}".partition("e")
@@ -61,7 +63,7 @@ def scientific(value: float, decimals: int) -> str:
 
 
 def plain(value: Any) -> str:
-    """Return a fact of the meta data as text: numbers with six digits, lists with commas."""
+    """Return a value of the meta data as text. Numbers have six digits, and lists have commas."""
     if isinstance(value, float):
         return f"{value:.6g}".replace("-", MINUS)
     if isinstance(value, list):
@@ -70,9 +72,10 @@ def plain(value: Any) -> str:
 
 
 def with_uncertainty(value: float, half: float) -> tuple[str, str]:
-    """Return a value and its uncertainty, written to the same digit: the first of ``half``, or two digits if below 35.
+    """Return a value and its uncertainty as texts with the same last digit.
 
-    Numbers far from 1 have a common power of ten. Without a known ``half`` the value has four digits.
+    The uncertainty ``half`` has one digit, or two if they are below 35. Very large or small numbers have a common
+    power of ten. Without a known ``half`` the value has four digits.
     """
     if not math.isfinite(half) or half <= 0.0 or not math.isfinite(value):
         return significant(value, 4), "\u2013"
@@ -87,7 +90,9 @@ def with_uncertainty(value: float, half: float) -> tuple[str, str]:
 
 
 def significant(value: float, digits: int) -> str:
-    """Return a number with ``digits`` significant digits, far from 1 with a power of ten; a dash for NaN or ∞."""
+    """Return a number as text with ``digits`` significant digits, or a dash for NaN or ∞. Very large or small numbers
+    have a power of ten.
+    """
     if not math.isfinite(value):
         return "\u2013"
     if value == 0.0:

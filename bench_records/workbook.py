@@ -1,4 +1,4 @@
-"""Workbooks for Excel: a run with its checks, its curves and its record at one rate, and trends of checks."""
+"""Excel workbooks: a run with its checks, its curves and its record at one rate, or the trends of checks."""
 
 from __future__ import annotations
 
@@ -54,9 +54,9 @@ _TRENDS: Final = ("check", "unit", "runs", "mean", "scatter", "drift a day", "±
 
 @contextmanager
 def workbook(path: Path) -> Iterator[Any]:
-    """Yield a workbook of xlsxwriter, and write it to ``path`` at the end, completely or not at all.
+    """Yield a workbook of xlsxwriter. After the ``with`` block it is written to ``path``.
 
-    Raises RecordError without the extra `excel`, and OSError if the file cannot be written.
+    Raises RecordError if the extra `excel` is not installed, and OSError if the file cannot be written.
     """
     if not installed("excel"):
         raise RecordError(lacking("excel", "tables for Excel"))
@@ -69,7 +69,9 @@ def workbook(path: Path) -> Iterator[Any]:
 
 
 def write_row(sheet: Any, place: int, values: Sequence[Any], *form: Any) -> None:
-    """Write texts as texts and numbers as numbers; the cell of an unknown value is empty."""
+    """Write values to a row of a sheet. Texts stay texts, numbers stay numbers, and an unknown value gives an empty
+    cell.
+    """
     for column, value in enumerate(values):
         if isinstance(value, str):
             sheet.write_string(place, column, value, *form)
@@ -80,9 +82,9 @@ def write_row(sheet: Any, place: int, values: Sequence[Any], *form: Any) -> None
 
 
 def write_run(record: Record, result: Result | None, path: Path, rate: float, names: Sequence[str]) -> int:
-    """Write a run: facts, checks, curves, and its record at ``rate`` (Hz); return the number of rows of the record.
+    """Write a run: facts, checks, curves, and its record at ``rate`` (Hz). Return the number of rows of the record.
 
-    Raises RecordError for an unknown name, or for more rows than a sheet has.
+    Raises RecordError for an unknown name, or if a sheet cannot have that many rows.
     """
     from bench_records.exchange import table_of
 
@@ -106,7 +108,9 @@ def write_run(record: Record, result: Result | None, path: Path, rate: float, na
 
 
 def write_trends_book(trends: Sequence[Trend], path: Path) -> None:
-    """Write trends: a sheet of summaries, and one of all values. Raises RecordError without the extra `excel`."""
+    """Write trends: one sheet with a summary of each, and one with all values. Raises RecordError if the extra
+    `excel` is not installed.
+    """
     with workbook(path) as book:
         _sheet(book, "trends", _TRENDS, map(_trend_row, trends))
         date = book.add_format({"num_format": "yyyy-mm-dd hh:mm:ss"})

@@ -1,1 +1,1 @@
-"""Reader of tables of samples from other programs, as CSV, Parquet, Arrow or MDF; refuses an ambiguous table."""
+"""Reads tables of samples from other programs, as CSV, Parquet, Arrow or MDF. An ambiguous table is refused."""

@@ -1,4 +1,6 @@
-"""The clock of a table: seconds from a start, from numbers, dates, times of day or counts since an epoch."""
+"""The clock of a table: seconds from its start, computed from numbers, dates, times of day, or counts
+since an epoch.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ _LEAP, _LONG = 100.0, 1.0
 
 
 class Clock(NamedTuple):
-    """Seconds (n,) from ``start`` (ns since 1970; None: unknown); NaN for a row without a time."""
+    """The times of the rows: seconds (n,) since ``start`` (ns since 1970, or None if unknown). A row without a time
+    has NaN.
+    """
 
     seconds: Seconds
     start: int | None = None
@@ -51,7 +55,9 @@ def read_clock(
     account: Account,
     where: str,
 ) -> Clock:
-    """Return the clock in a column. Raises RecordError, with line, for a cell that is not a time, or a wrong unit."""
+    """Return the clock from a column. Raises RecordError, with line, for a cell that is not a time, or for a wrong
+    unit.
+    """
     column = sheet.columns[index]
     if column.kind == "stamp":
         return _from_stamps(column.cells, column.there, column.zoned, keys, account, where)
@@ -92,7 +98,7 @@ def _of_time(text: str, where: str) -> ReadUnit:
 
 
 def _exact(sheet: Sheet, index: int, source: TimeSource, point: DecimalPoint, where: str) -> Any:
-    """Return the numbers of a column; numbers too long for a double as integers or long doubles."""
+    """Return the numbers of a column. Numbers with too many digits for a double are integers or long doubles."""
     import numpy as np
 
     column = sheet.columns[index]
@@ -139,7 +145,9 @@ def _from_numbers(values: Any, factor: float, unit: str, account: Account, where
 
 
 def _ns(number: Any, factor: float) -> int:
-    """Return a number of a unit in whole nanoseconds; its integer part is converted exactly."""
+    """Return a number of time units in whole nanoseconds. ``factor`` is the unit in s. The integer part is converted
+    exactly.
+    """
     whole = int(number)
     size = round(factor * SECOND)
     return whole * size + round(float(number - whole) * size)
@@ -190,7 +198,7 @@ def _from_stamps(ns: Any, there: Any, zoned: bool, keys: FileKeys, account: Acco
 
 
 def _in_utc(ns: Any, zone: str, where: str) -> Any:
-    """Return local stamps in UTC; in the repeated hour in autumn, the order of the rows decides."""
+    """Return local times (ns) in UTC. In the hour that is repeated in autumn, the order of the rows decides."""
     import pandas as pd
 
     local = pd.DatetimeIndex(ns)
@@ -205,7 +213,7 @@ def _in_utc(ns: Any, zone: str, where: str) -> Any:
 
 
 def _invalid_in(local: Any, zone: str) -> str:
-    """Return the reason why local stamps are invalid in a zone."""
+    """Return the reason why local times are not valid in a time zone."""
     try:
         lost = local.tz_localize(zone, ambiguous=[True] * len(local), nonexistent="NaT").isna()
     except Exception:  # pandas and the zones of Python have many names for it
@@ -226,19 +234,21 @@ def _from_spans(column: Column, account: Account) -> Clock:
 
 
 def in_words(ns: int, zoned: bool = False) -> str:
-    """Return an instant as text."""
+    """Return an instant (ns since 1970) as text."""
     text = datetime.fromtimestamp(ns // SECOND, UTC).strftime("%Y-%m-%d %H:%M:%S")
     return f"{text}.{ns % SECOND // 1_000_000:03d}{' UTC' if zoned else ''}"
 
 
 def many(rows: int) -> str:
-    """Return a number of rows as text."""
+    """Return a number of rows as text, such as "3 rows"."""
     return f"{rows} row{'s' * (rows != 1)}"
 
 
 def check_order(sheet: Sheet, seconds: Seconds, account: Account, where: str) -> None:
-    """Refuse a clock that decreases or jumps by a year; report one that stops or jumps. Rows without time are
-    ignored.
+    """Raise RecordError for a clock that decreases or jumps by a year. Add a remark to ``account`` for one that stops
+    or jumps.
+
+    Rows without a time are ignored.
     """
     import numpy as np
 

@@ -1,4 +1,4 @@
-"""Parquet and Arrow files as sheets: every column with its type, including the index of a pandas frame."""
+"""Reads Parquet and Arrow files as sheets: every column with its type, including the index of a pandas frame."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bench_records.tables.stamps import over_midnight
 
 
 def read_columnar(path: Path, parquet: bool) -> Sheet:
-    """Return the sheet of a Parquet file, or of an Arrow file (also Feather) or stream."""
+    """Return the sheet of a Parquet file, or of an Arrow file (or Feather) or stream."""
     try:
         check_size(path, SAMPLES_BYTES)
         table = _parquet(path) if parquet else _arrow(path)
@@ -55,7 +55,7 @@ def _parquet(path: Path) -> pa.Table:
 
 
 def _width(column: Any) -> int:
-    """Return the bytes in memory of one value of a Parquet column; for a text, those of its index."""
+    """Return the bytes in memory for one value of a Parquet column. For a text, this is the size of its index."""
     return max(int(column.length), 8)
 
 
@@ -74,7 +74,7 @@ def _arrow(path: Path) -> pa.Table:
 
 
 def _unpacked(file: Any) -> int:
-    """Return the bytes of the columns in an Arrow stream when unpacked; a packed buffer begins with its size."""
+    """Return how many bytes the columns of an Arrow stream need in memory. A compressed buffer begins with its size."""
     total = 0
     for message in pa.ipc.MessageReader.open_stream(file):
         if message.type not in ("record batch", "dictionary"):
@@ -100,7 +100,7 @@ def _pointed(head: bytes, place: int) -> int:
 
 
 def _field(head: bytes, table: int, number: int) -> int:
-    """Return the position of a field of a table; 0 if it is missing."""
+    """Return the position of a field in a FlatBuffer table, or 0 if it is missing."""
     fields = table - struct.unpack_from("<i", head, table)[0]
     if struct.unpack_from("<H", head, fields)[0] <= 4 + 2 * number:
         return 0
@@ -109,16 +109,14 @@ def _field(head: bytes, table: int, number: int) -> int:
 
 
 def _pairs(head: bytes, place: int) -> Iterator[tuple[int, int]]:
-    """Yield the pairs of integers in a vector."""
+    """Yield the pairs of integers in a FlatBuffer vector."""
     vector = _pointed(head, place)
     (count,) = struct.unpack_from("<I", head, vector)
     return struct.iter_unpack("<qq", head[vector + 4 : vector + 4 + 16 * count])
 
 
 def _index(table: pa.Table, columns: list[Column]) -> int | None:
-    """Return the column of times that was the index of a pandas frame, for a table without a column of the clock's
-    name.
-    """
+    """Return the index of the column of times that was the index of a pandas frame, or None if there is none."""
     try:
         pandas_facts = json.loads((table.schema.metadata or {}).get(b"pandas", b"{}"))
         named = [one for one in pandas_facts.get("index_columns", []) if isinstance(one, str)]
@@ -165,7 +163,7 @@ def _column(path: Path, field: pa.Field, data: pa.ChunkedArray) -> Column:
 
 
 def _written_out(data: pa.ChunkedArray) -> int:
-    """Return the bytes of all values of a dictionary-encoded column."""
+    """Return how many bytes all values of a dictionary-encoded column need."""
     if not _is_text(data.type.value_type):
         return 8 * len(data)
     lengths = (pc.take(pc.binary_length(one.dictionary), one.indices) for one in data.chunks)
@@ -192,7 +190,7 @@ def _ns(data: pa.ChunkedArray, kind: Any) -> tuple[Any, Any]:
 
 
 def _of_day(name: str, data: pa.ChunkedArray) -> Column:
-    """Return a column of times of day, relative to the first one."""
+    """Return a column of times of day as durations since the first one."""
     whole = _flat(data).cast(pa.time64("ns"))
     there = np.asarray(pc.is_valid(whole).to_numpy(zero_copy_only=False), np.bool_)
     cells = np.asarray(pc.fill_null(whole.cast(pa.int64()), 0).to_numpy(zero_copy_only=False), np.int64)

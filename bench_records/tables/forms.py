@@ -1,4 +1,4 @@
-"""The forms of tables: name, file suffixes, reader and writer of each."""
+"""The supported file formats of tables: name, file suffixes, reader and writer of each."""
 
 from __future__ import annotations
 
@@ -55,5 +55,5 @@ FORMS: Final = (
 
 
 def export_of(path: Path) -> str:
-    """Return the command that exports a table from a file that is not supported; "" if none is known."""
+    """Return a command that converts an unsupported file to a table, or "" if none is known."""
     return EXPORTS.get(path.suffix.lower(), "").format(path.name, path.stem)

@@ -1,4 +1,4 @@
-"""A clock in two columns, dates and times of day, joined to one column of stamps."""
+"""Joins two columns, with dates and with times of day, to one clock column."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ _RIGHT: Final = "use adjacent columns with dates as 2026-03-19 and times of day 
 
 
 def date_and_time(sheet: Sheet) -> tuple[int, int] | None:
-    """Return the columns of dates and of times of day; None unless there is exactly one of each."""
+    """Return the indices of the columns of dates and of times of day, or None unless there is exactly one of each."""
     dates = [index for index, one in enumerate(sheet.columns) if _holds_dates(one)]
     times = [index for index, one in enumerate(sheet.columns) if _holds_times(one)]
     return (dates[0], times[0]) if len(dates) == 1 and len(times) == 1 else None
 
 
 def joined(sheet: Sheet, date: ColumnName, time: int, keys: FileKeys, account: Account, where: str) -> int:
-    """Append a clock column, made from a column of dates and a column of times of day; return its index.
+    """Append a clock column, made from a column of dates and a column of times of day. Return its index.
 
-    Raises RecordError, which begins with ``where``, for columns that do not hold these.
+    Raises RecordError, whose text begins with ``where``, if a column does not contain dates or times of day.
     """
     columns = sheet.columns[sheet.place(date, f"{where}: date")], sheet.columns[time]
     for column, holds in zip(columns, (_holds_dates, _holds_times), strict=True):
@@ -62,7 +62,7 @@ def joined(sheet: Sheet, date: ColumnName, time: int, keys: FileKeys, account: A
 
 
 def refuse_halves(sheet: Sheet, clock: int, where: str) -> None:
-    """Raise RecordError for times of day whose a.m. and p.m. are in a separate column."""
+    """Raise RecordError if a separate column contains the a.m. or p.m. of the times of day."""
     column = sheet.columns[clock]
     if column.kind == "number" or (column.kind == "text" and not looks_like_a_stamp(column.example)):
         return

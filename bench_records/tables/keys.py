@@ -1,4 +1,4 @@
-"""Keys that describe the format of a third-party table, as far as the file does not define it."""
+"""Keys that describe the format of a table from another program, if the file itself does not define it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ Decimal = Literal[".", ","]
 
 
 class FileKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """``[file]``. The reader derives a missing key from the file, or requests it if the file is ambiguous."""
+    """The keys of ``[file]``. If a key is missing, the reader derives it from the file, or requests it for an
+    ambiguous file.
+    """
 
     format: str | None = None  #: default: by the suffix
     delimiter: str | None = None
@@ -49,12 +51,12 @@ class Source(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     @property
     def codes(self) -> list[float] | None:
-        """The numeric codes for a missing value; None if ``null`` is not given."""
+        """Return the numeric codes for a missing value, or None if ``null`` is not given."""
         return None if self.null is None else [one for one in self.null if not isinstance(one, str)]
 
 
 class TimeSource(Source, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The column of the clock; ``unit`` applies to numbers, not to dates and times of day."""
+    """The column of the clock. ``unit`` applies only to numbers, not to dates and times of day."""
 
     column: ColumnName = "time"
     unit: str | None = None  #: default: the unit in the head, else s

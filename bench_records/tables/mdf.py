@@ -1,4 +1,4 @@
-"""MDF files: channels by name and group, each with the clock of its group."""
+"""Reads MDF files: channels by name and group. Each channel has the clock of its group."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _BUSES: Final = ("CAN_", "LIN_", "FLX_", "ETH_", "MOST_", "USB_")
 
 @dataclass(frozen=True)
 class ChannelPlace:
-    """The place of a channel in the file."""
+    """The position of a channel in the file."""
 
     group: int
     index: int
@@ -44,7 +44,9 @@ class ChannelPlace:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """Open the MDF file for a block. Raises RecordError without asammdf, or if the file is not MDF."""
+    """Open an MDF file for a ``with`` block. Raises RecordError if asammdf is not installed, or if the file is not
+    MDF.
+    """
     try:
         from asammdf import MDF
     except ImportError:
@@ -75,7 +77,7 @@ def _open_or_none(kind: Any, path: Path) -> Any:
 
 
 def places(path: Path, mdf: Any, account: Account) -> list[ChannelPlace]:
-    """Return every channel except clocks and bus frames, which the ``account`` counts."""
+    """Return all channels except clocks and bus frames. Groups of bus frames are counted in ``account``."""
     if sum(len(group.channels) for group in mdf.groups) > COLUMNS:
         raise RecordError(f"{path} has more than {COLUMNS} channels; export fewer")
     found = []
@@ -95,12 +97,12 @@ def places(path: Path, mdf: Any, account: Account) -> list[ChannelPlace]:
 
 
 def holds_frames(group: Any) -> bool:
-    """Return whether a group is raw bus logging."""
+    """Return whether a group contains raw bus frames."""
     return any(channel.name.startswith(_BUSES) for channel in group.channels)
 
 
 def find(known: list[ChannelPlace], column: ColumnName, group: ColumnName | None, where: str) -> ChannelPlace:
-    """Return the only channel with a name. Raises RecordError, with the groups, if there are several or none."""
+    """Return the only channel called ``column``. Raises RecordError, with the groups, if there are several or none."""
     if isinstance(column, int):
         raise RecordError(
             f"{where} = {column}: name the channel of an MDF file, because channels have no numbers"
@@ -130,7 +132,7 @@ def samples(
     account: Account,
     texts: Mapping[str, int] | None = None,
 ) -> tuple[Numbers, Numbers, str]:
-    """Return times (n,), values (n,) and unit of a channel; ``texts`` gives the number for each text value.
+    """Return times (n,), values (n,) and unit of a channel. ``texts`` maps each text value to a number.
 
     Raises RecordError, with file and group, if a value is not a number, or if the clock is not a time.
     """
@@ -170,7 +172,7 @@ def _word(value: Any) -> str:
 
 
 def start_of(mdf: Any) -> int | None:
-    """Return the start of the file (ns since 1970); None if its header has no plausible time."""
+    """Return the start time of the file (ns since 1970), or None if its header has no plausible time."""
     begin = getattr(mdf.header, "start_time", None)
     if begin is None or begin.year < 1980:
         return None

@@ -1,4 +1,4 @@
-"""Parser of numbers in tables: decimal commas, separators of thousands, and codes for missing values."""
+"""Reads numbers from the cells of tables: decimal commas, separators of thousands, and codes for missing values."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _NUMBER: Final = r"^[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?$"
 
 @dataclass(frozen=True)
 class _Evidence:
-    """The first rows that prove a decimal separator, by separator, and the first ambiguous rows."""
+    """The first rows that show which character is the decimal separator, and the first ambiguous rows."""
 
     certain: dict[str, int]
     open: dict[str, int]  #: rows with an ambiguous number such as 1.250, by separator
@@ -52,14 +52,14 @@ class _Evidence:
 
 @dataclass(frozen=True)
 class DecimalPoint:
-    """The decimal separator of a file, "" if unknown, and whether a key states it."""
+    """The decimal separator of a file ("" if unknown), and whether a key states it."""
 
     point: str
     stated: bool = False
 
 
 def first(mask: Any) -> int:
-    """Return the index of the first True in an Arrow mask; -1 if there is none."""
+    """Return the index of the first True in an Arrow mask, or -1 if there is none."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -67,7 +67,7 @@ def first(mask: Any) -> int:
 
 
 def tidy(cells: Any) -> Any:
-    """Return cells without outer spaces and with a plain minus; null for empty cells."""
+    """Return cells without outer spaces and with a plain minus sign. Empty cells become null."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -83,10 +83,10 @@ def numbers(
     account: Account | None,
     where: str,
 ) -> npt.NDArray[np.float64]:
-    """Return the numbers (n,) of a column of text; NaN for an empty cell or a code for a missing value.
+    """Return the numbers (n,) in a column of text, with NaN for an empty cell or a code for a missing value.
 
-    ``decimal`` is the decimal separator if the column itself does not show it. Missing and infinite values are counted
-    in ``account``. Raises RecordError, with line, for a cell that is not a number or is ambiguous.
+    ``decimal`` is the decimal separator to use if the column itself does not show it. Missing and infinite values are
+    counted in ``account``. Raises RecordError, with line, for a cell that is not a number or is ambiguous.
     """
     import numpy as np
     import pyarrow as pa
@@ -121,7 +121,7 @@ def _no_number(sheet: Sheet, index: int, at: int, source: Source, where: str) ->
 
 
 def without_missing(sheet: Sheet, index: int, account: Account | None) -> Any:
-    """Return the cells of a column, null for missing and infinite values; these are counted in ``account``."""
+    """Return the cells of a column, with null for missing and infinite values. These are counted in ``account``."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
@@ -141,7 +141,9 @@ def without_missing(sheet: Sheet, index: int, account: Account | None) -> Any:
 def in_plain_digits(
     cells: Any, sheet: Sheet, index: int, source: Source, decimal: DecimalPoint, where: str
 ) -> Any:
-    """Return cells with a decimal point and no thousands separator. Raises RecordError if the cells are ambiguous."""
+    """Return cells with a decimal point and without separators of thousands. Raises RecordError if they are
+    ambiguous.
+    """
     import pyarrow.compute as pc
 
     grouped = pc.fill_null(pc.match_substring_regex(cells, _GROUPED), False)
@@ -166,7 +168,7 @@ def in_plain_digits(
 def _separators(
     cells: Any, sheet: Sheet, index: int, source: Source, decimal: DecimalPoint, where: str
 ) -> tuple[str, str]:
-    """Return the separators of decimals and of thousands ("": none)."""
+    """Return the decimal separator and the separator of thousands ("" for none)."""
     if source.thousands:
         opposite = {".": ",", ",": "."}.get(source.thousands)
         return source.decimal or opposite or decimal.point or ".", source.thousands
@@ -206,7 +208,7 @@ def _separators(
 
 
 def evidence(cells: Any) -> _Evidence:
-    """Return the evidence of the separators in the cells of a column."""
+    """Return what the cells of a column show about the separators."""
     import pyarrow.compute as pc
 
     # Shortcut: most columns have one separator, and a few rows show that it is the decimal one.
@@ -248,7 +250,7 @@ def evidence(cells: Any) -> _Evidence:
 
 
 def of_the_file(sheet: Sheet, keys: FileKeys, texts: Sequence[tuple[int, Source]]) -> DecimalPoint:
-    """Return the decimal separator of a file: from its key, or common to its columns."""
+    """Return the decimal separator of a file: that of its key, otherwise the common one of its columns."""
     if keys.decimal is not None:
         return DecimalPoint(keys.decimal, stated=True)
     shown: set[str] = set()

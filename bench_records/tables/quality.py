@@ -1,6 +1,6 @@
-"""Checks of measured columns before their evaluation: values that look valid but are not measurements.
+"""Checks of measured columns before they are used: they find values that look valid but are not measurements.
 
-Each check examines one column over its whole record. `CHECKS` describes the findings and consequences; the reference
+Each check examines one column over its whole record. `CHECKS` describes findings and consequences, and the reference
 page of the checks is generated from it.
 """
 
@@ -58,7 +58,9 @@ LEAST = 30
 
 
 class Check(NamedTuple):
-    """One check: its finding, the consequence for outputs and inputs of a simulation, and whether it is uncertain."""
+    """One check: its name, what it finds, the consequence for outputs and for inputs of a simulation, and whether the
+    finding is uncertain.
+    """
 
     name: str
     finds: str
@@ -117,7 +119,7 @@ CHECKS: Final = {
 
 @dataclass(frozen=True)
 class Remark:
-    """A finding of a check in a column: number of samples, the first of them, and the consequence."""
+    """A finding of a check in a column: the number of samples, the first of them, and the consequence."""
 
     file: str
     column: str
@@ -144,9 +146,9 @@ Nulls = Mapping[str, Sequence[float] | None]
 def examine(
     file: str, columns: Mapping[str, Series], nulls: Nulls, inputs: Sequence[str] = ()
 ) -> tuple[dict[str, Series], list[Remark]]:
-    """Return the columns of a file without values that are not measurements, and the remarks.
+    """Return the columns of a file without values that are not measurements, and remarks on these values.
 
-    ``inputs`` drive a simulation; their held values are kept.
+    ``inputs`` are columns that drive a simulation. In these, values that stay constant by a fault are not removed.
     """
     found, remarks = without_codes(file, columns, nulls, inputs)
     signals = {name: _Signal.of(one) for name, one in found.items()}
@@ -168,7 +170,9 @@ def examine(
 def without_codes(
     file: str, columns: Mapping[str, Series], nulls: Nulls, inputs: Sequence[str] = ()
 ) -> tuple[dict[str, Series], list[Remark]]:
-    """Return the columns of a file without declared and undeclared codes for missing values, and the remarks."""
+    """Return the columns of a file without codes for missing values, and remarks. Declared and undeclared codes are
+    removed.
+    """
     found, remarks = dict(columns), list[Remark]()
     for name, series in columns.items():
         declared = nulls.get(name)
@@ -185,7 +189,7 @@ def without_codes(
 
 
 def measured(series: Series) -> Series:
-    """Return times and values without the missing values."""
+    """Return a series without its missing values."""
     known = np.isfinite(series.values)
     return series._replace(times=series.times[known], values=series.values[known], rows=None)
 
@@ -200,7 +204,9 @@ def _apply(
     what: str,
     inputs: Sequence[str],
 ) -> None:
-    """Add the remark of a check with a finding, and remove its samples if that is the consequence."""
+    """If ``mask`` selects samples, add a remark of the check. Remove these samples if this is the consequence of the
+    check.
+    """
     series, one = found[name], CHECKS[check]
     if not mask.any():
         return
@@ -225,7 +231,7 @@ def _is_one_of(values: Numbers, codes: Sequence[float]) -> Mask:
 
 
 def _codes_in(series: Series) -> Mask:
-    """Return a mask of the values that are far from all others, or that have jumps before and after them."""
+    """Return a mask of the values that are far from all others, or that begin and end with a jump."""
     known = np.isfinite(series.values)
     values, times = series.values[known], series.times[known]
     mask = abs(values) > HUGE
@@ -284,7 +290,7 @@ def _jumps(values: Numbers, times: Numbers) -> Mask:
 
 @dataclass(frozen=True)
 class _Signal:
-    """A column without missing values, with its noise and its steps."""
+    """A column without missing values, with its noise and the size of its steps."""
 
     rows: npt.NDArray[np.intp]  #: of the samples in the column
     times: Numbers
@@ -312,23 +318,23 @@ class _Signal:
         return _Signal(rows, series.times[rows], values, levels, step, noise, noisy, len(series.values))
 
     def in_column(self, mask: Mask | None = None) -> Mask:
-        """Return the mask (or all known samples) at the rows of the whole column."""
+        """Return the mask for all rows of the column. Without ``mask``, it selects all known samples."""
         whole = np.zeros(int(self.size), np.bool_)
         whole[self.rows if mask is None else self.rows[mask]] = True
         return whole
 
     @property
     def steps(self) -> int:
-        """Range of the values in steps."""
+        """Return the range of the values as a number of steps."""
         return round((self.levels[-1] - self.levels[0]) / self.step)
 
     def runs(self) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-        """Return begin and end of each run of equal values."""
+        """Return the first index, and the index after the last one, of each series of equal values."""
         starts = np.flatnonzero(np.diff(self.values, prepend=np.nan) != 0.0)
         return starts, np.append(starts[1:], len(self.values))
 
     def moves(self, spans: Sequence[tuple[float, float]]) -> bool:
-        """Return whether the signal moves in these time spans as much as elsewhere."""
+        """Return whether the signal changes in these time spans as much as elsewhere."""
         lasts = 0.25 * float(np.mean([end - start for start, end in spans]))
         usual = self._moved(np.linspace(self.times[0], self.times[-1] - lasts, 500), lasts)
         if not lasts > 0.0 or usual <= ABOVE_NOISE * self.noise:
@@ -342,7 +348,9 @@ class _Signal:
 
 
 def _held(signal: _Signal, others: Sequence[_Signal], output: bool) -> tuple[Mask, Mask]:
-    """Return masks (n,) of readings that stay constant while other columns move: at a rail, and elsewhere."""
+    """Return two masks (n,) of readings that stay constant while other columns move: at the lowest or highest value,
+    and at other values.
+    """
     rail, stuck = np.zeros((2, len(signal.values)), np.bool_)
     if len(signal.levels) < LEVELS:
         return rail, stuck

@@ -1,4 +1,4 @@
-"""Reader of foreign tables: samples with their times, by column, from CSV, Parquet, Arrow and MDF."""
+"""Reads tables from other programs: the samples of each column with their times, from CSV, Parquet, Arrow and MDF."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MDF: Final = next(one for one in FORMS if one.name == "mdf")
 
 
 class Series(NamedTuple):
-    """Samples of a column: times (n,) in s, values (n,) in the unit of the file, NaN for an empty cell."""
+    """The samples of a column: times (n,) in s, and values (n,) in the unit of the file. An empty cell has NaN."""
 
     name: str
     times: Numbers
@@ -41,13 +41,13 @@ class Series(NamedTuple):
     row_word: str = "sample"
 
     def at(self, index: int) -> str:
-        """Return the place of a sample in the file, as text."""
+        """Return a text on the position of a sample in the file, and its time."""
         row = index + 1 if self.rows is None else self.rows[index]
         return f"{self.row_word} {row}, {self.times[index]:.6g} s"
 
 
 def format_of(path: Path, keys: FileKeys) -> FileForm:
-    """Return the form of a table. Raises RecordError if there is no file, or if its suffix is unknown."""
+    """Return the file format of a table. Raises RecordError if there is no file, or if its suffix is unknown."""
     if not path.is_file():
         raise RecordError(f"{path} does not exist; check the path")
     named = [one for one in FORMS if one.name == keys.format]
@@ -64,7 +64,7 @@ def format_of(path: Path, keys: FileKeys) -> FileForm:
 
 
 def read_sheet(path: Path, keys: FileKeys, wanted: Sequence[ColumnName], account: Account) -> Sheet:
-    """Return the sheet of a file that is not MDF."""
+    """Return the sheet of a file. Raises RecordError for an MDF file, which is not a table."""
     form = format_of(path, keys)
     if form.read is None:
         raise RecordError(
@@ -77,7 +77,7 @@ def read_sheet(path: Path, keys: FileKeys, wanted: Sequence[ColumnName], account
 
 
 def _add_clock(sheet: Sheet, rate: float) -> None:
-    """Append a clock with ``rate`` rows per second. Raises RecordError if the file has a clock."""
+    """Append a clock column for ``rate`` rows per second. Raises RecordError if the file already has a clock."""
     if sheet.clock is not None or any(sheet.places(name) for name in (TimeSource().column, "time_s")):
         raise RecordError(
             f"{sheet.path} has a time column, and file.rate is for tables without one; remove file.rate"
@@ -90,7 +90,7 @@ def _add_clock(sheet: Sheet, rate: float) -> None:
 def column_names(
     path: Path, keys: FileKeys, account: Account, wanted: Sequence[ColumnName] = ()
 ) -> list[str]:
-    """Return the names of all columns, or channels, of a file."""
+    """Return the names of all columns of a file, or of all channels of an MDF file."""
     if format_of(path, keys) is MDF:
         with mdf_file.opened(path) as mdf:
             return sorted({place.name for place in mdf_file.places(path, mdf, account)})
@@ -100,9 +100,10 @@ def column_names(
 def read_series(
     path: Path, keys: FileKeys, time: TimeSource, wanted: Mapping[str, Source], account: Account
 ) -> dict[str, Series]:
-    """Return the ``wanted`` columns by the name that the caller gives them.
+    """Return the ``wanted`` columns, under the names that the caller gives them.
 
-    RecordError names the file, the key, line or group, and the correction; the ``account`` receives all other remarks.
+    Raises RecordError, which states the file, the key, line or group, and the correction. Other remarks are added to
+    ``account``.
     """
     if format_of(path, keys) is MDF:
         return _of_mdf(path, wanted, account)
@@ -154,7 +155,9 @@ def of_sheet(
 
 
 def clock_place(sheet: Sheet, time: TimeSource, where: str, account: Account) -> int:
-    """Return the column of the clock, or the index of a frame if no column has the clock's name."""
+    """Return the index of the clock column. If no column has the name of the clock, it is the index of a pandas
+    frame.
+    """
     if sheet.clock is not None and not sheet.places(time.column) and time.column == TimeSource().column:
         name = sheet.columns[sheet.clock].name
         account.take(f"the index{f' {name}' if name else ''} is the clock")
@@ -163,7 +166,7 @@ def clock_place(sheet: Sheet, time: TimeSource, where: str, account: Account) ->
 
 
 def _from_one_start(sheet: Sheet, clocks: Mapping[int, Clock]) -> dict[int, Clock]:
-    """Return the clocks of one file relative to a common start."""
+    """Return the clocks of one file relative to a common start. Raises RecordError if this is not possible."""
     starts = [clock.start for clock in clocks.values() if clock.start is not None]
     if not starts:
         return dict(clocks)
@@ -237,7 +240,7 @@ def _of_mdf(path: Path, wanted: Mapping[str, Source], account: Account) -> dict[
 
 
 def refuse_falling(path: Path, times: Numbers, what: str) -> None:
-    """Raise RecordError if the clock of the samples decreases."""
+    """Raise RecordError if the times of the samples decrease."""
     import numpy as np
 
     falls = np.flatnonzero(np.diff(times) < 0)

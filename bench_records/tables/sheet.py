@@ -1,4 +1,4 @@
-"""A sheet: columns of equal length as in a file, and the place of each row in the file."""
+"""A sheet: the columns of a file, with equal length, and the line of each row in the file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ Kind = Literal["text", "number", "stamp", "span", "other"]
 
 @dataclass
 class Column:
-    """One column: ``cells`` (n,) of its ``kind``; ``there`` (n,) is true if a stamp or span is not missing."""
+    """One column. ``cells`` (n,) depend on its ``kind``. ``there`` (n,) is true for each stamp or span that is not
+    missing.
+    """
 
     name: str
     kind: Kind
@@ -36,13 +38,13 @@ class Column:
 
     @property
     def example(self) -> str:
-        """The first cell of text that is not empty; "" if all are."""
+        """Return the first text that is not empty, or "" if all are empty."""
         return next((text for cell in self.cells if (text := (cell.as_py() or "").strip())), "")
 
 
 @dataclass
 class Sheet:
-    """Columns of equal length; ``rows`` (n,) is the line, or row, in the file."""
+    """The columns of a file, with equal length. ``rows`` (n,) are the numbers of the lines or rows in the file."""
 
     path: Path
     columns: list[Column]
@@ -55,22 +57,22 @@ class Sheet:
 
     @property
     def names(self) -> list[str]:
-        """The names of the columns in their order."""
+        """Return the names of the columns in their order."""
         return [column.name for column in self.columns]
 
     def at(self, index: int) -> str:
-        """Return the place of a row in the file, as text."""
+        """Return a text on the position of a row in the file."""
         return f"{self.row_word} {self.rows[index]}"
 
     def places(self, name: ColumnName) -> list[int]:
-        """Return the indices of the columns that ``name`` refers to: none, one or several."""
+        """Return the indices of the columns with this name or number: none, one or several."""
         if isinstance(name, int):
             return [name - 1] if 1 <= name <= len(self.columns) else []
         return [index for index, column in enumerate(self.columns) if column.name == name]
 
     def place(self, column: ColumnName, where: str) -> int:
-        """Return the index of the only column that ``column`` names. Raises RecordError, which begins with
-        ``where``.
+        """Return the index of the only column with this name or number. Otherwise raises RecordError, whose text
+        begins with ``where``.
         """
         found = self.places(column)
         if len(found) == 1:

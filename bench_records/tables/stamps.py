@@ -1,4 +1,4 @@
-"""Parser of dates and times of day in various formats, to integer nanoseconds."""
+"""Reads dates and times of day in various formats as integer nanoseconds."""
 
 from __future__ import annotations
 
@@ -42,7 +42,9 @@ _MIDNIGHT: Final = 60 * SECOND
 
 
 class Stamps(NamedTuple):
-    """Stamps (n,) in ns: since 1970 if they are ``dated``, in UTC if they are ``zoned``; 0 if not ``there``."""
+    """Time stamps (n,) in ns. If ``dated``, they count from 1970; if ``zoned``, they are in UTC. ``there`` is False
+    for a missing one, which is 0.
+    """
 
     ns: npt.NDArray[np.int64]
     there: npt.NDArray[np.bool_]
@@ -52,7 +54,7 @@ class Stamps(NamedTuple):
 
 
 class NotAStamp(Exception):
-    """A cell that is not a time stamp: its index, and a hint for the message."""
+    """A cell is not a time stamp. The exception has the index of the cell, and a hint for the message."""
 
     def __init__(self, index: int, hint: str = "write times as hh:mm:ss, dates as 2026-03-19") -> None:
         super().__init__(index, hint)
@@ -60,24 +62,27 @@ class NotAStamp(Exception):
 
 
 def looks_like_a_stamp(text: str) -> bool:
-    """Return whether a cell is a date, a time of day or a duration."""
+    """Return whether a text is a date, a time of day or a duration."""
     return bool(_STAMP.fullmatch(text) or _OF_DAY.fullmatch(text) or _SPAN.fullmatch(text))
 
 
 def looks_like_a_date(text: str) -> bool:
-    """Return whether a cell is a date, without a time of day or with midnight."""
+    """Return whether a text is a date, without a time of day or with 00:00."""
     found = _STAMP.fullmatch(text)
     return found is not None and not (found["h"] and _time(found, 0))
 
 
 def looks_like_a_time_of_day(text: str) -> bool:
-    """Return whether a cell is a time of day."""
+    """Return whether a text is a time of day."""
     found = _OF_DAY.fullmatch(text)
     return found is not None and not found["days"]
 
 
 def read_stamps(cells: Sequence[str | None], dates: Literal["dmy", "mdy"] | None = None) -> Stamps:
-    """Return the instants of text cells. Raises NotAStamp if a cell is invalid, or ambiguous without ``dates``."""
+    """Return the time stamps in text cells. ``dates`` is the order of day and month.
+
+    Raises NotAStamp for an invalid cell, and for an ambiguous one without ``dates``.
+    """
     import numpy as np
 
     ns = np.zeros(len(cells), np.int64)
@@ -121,7 +126,7 @@ def read_stamps(cells: Sequence[str | None], dates: Literal["dmy", "mdy"] | None
 
 
 def _span(cell: str, index: int) -> int:
-    """Return the nanoseconds of an ISO 8601 duration, such as PT1M2.5S."""
+    """Return an ISO 8601 duration, such as PT1M2.5S, in nanoseconds."""
     found = _SPAN.fullmatch(cell)
     if found is None:
         raise NotAStamp(index, "write durations as PT1.5S")
@@ -131,7 +136,7 @@ def _span(cell: str, index: int) -> int:
 
 
 def _digits(found: re.Match[str] | None) -> int:
-    """Return the digits behind the seconds as an integer, plus 1 000 000 000 times their count."""
+    """Return the digits after the seconds as an integer, plus 1 000 000 000 times the number of these digits."""
     text = (found and (found["f"] or found["ms"])) or ""
     return len(text) * SECOND + int(text or 0)
 
@@ -139,9 +144,11 @@ def _digits(found: re.Match[str] | None) -> int:
 def _whole_milliseconds(
     ns: npt.NDArray[np.int64], there: npt.NDArray[np.bool_], parts: npt.NDArray[np.int64]
 ) -> tuple[npt.NDArray[np.int64], list[str]]:
-    """Read the digits after the seconds as integer milliseconds, if as decimals they give an uneven clock.
+    """If the decimals of the seconds give an uneven clock, read their digits as integer milliseconds. Return the
+    times and remarks.
 
-    ``parts`` are those of `_digits`. Some programs write 10:00:00.0, .10 … .990 for 0 to 990 ms, or four digits, .0990.
+    ``parts`` are from `_digits`. Some programs write 10:00:00.0, .10 … .990 for 0 to 990 ms, or four digits, such as
+    .0990.
     """
     import numpy as np
 
@@ -171,7 +178,7 @@ def _of_day(cell: str, index: int) -> int:
 
 
 def _time(found: re.Match[str], index: int) -> int:
-    """Return the nanoseconds of a time of day; two numbers with a fraction are minutes and seconds."""
+    """Return a time of day in nanoseconds. Two numbers with a fraction are minutes and seconds."""
     hours, minutes, seconds = int(found["h"]), int(found["m"]), int(found["s"] or 0)
     fraction = found["f"] or found["ms"] or ""
     if found["s"] is None and fraction:
@@ -186,7 +193,7 @@ def _time(found: re.Match[str], index: int) -> int:
 
 
 def _zone(text: str | None) -> int | None:
-    """Return the minutes east of Greenwich; None if there is no zone."""
+    """Return the offset of a time zone from UTC in minutes (east positive), or None if there is no zone."""
     word = (text or "").lower()
     if word in _ZONES:
         return _ZONES[word]
@@ -195,7 +202,7 @@ def _zone(text: str | None) -> int | None:
 
 
 class _Days:
-    """Parser of dates in cells to days since 1970, each text once."""
+    """Converts dates in cells to days since 1970. Each different text is converted once."""
 
     def __init__(self, cells: Sequence[str | None], dates: Literal["dmy", "mdy"] | None) -> None:
         self._known: dict[str, int] = {}
@@ -222,7 +229,7 @@ class _Days:
             )
 
     def of(self, found: re.Match[str], index: int) -> int:
-        """Return the days since 1970 of the date in a cell."""
+        """Return the days since 1970 for the date in a cell."""
         if found["open"] and self._order is None:
             raise NotAStamp(index, "the column has dates of two forms; use one form")
         text = next(one for one in (found[kind] for kind in ("iso", "dots", "open", "day", "month")) if one)
@@ -249,9 +256,10 @@ class _Days:
 
 
 def _order(texts: dict[str, int]) -> Literal["dmy", "mdy"] | None:
-    """Return whether day or month is first in dates with slashes, if a number above 12 shows it; None if none does.
+    """Return whether day or month is first in dates such as 03/09/2026. A number above 12 shows it; return None if
+    there is none.
 
-    Raises NotAStamp if they differ.
+    Raises NotAStamp if the dates contradict each other.
     """
     firsts, seconds = [], []
     for text in texts:
@@ -270,7 +278,11 @@ def _order(texts: dict[str, int]) -> Literal["dmy", "mdy"] | None:
 def over_midnight(
     ns: npt.NDArray[np.int64], there: npt.NDArray[np.bool_], period: int = DAY
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
-    """Unwrap times of day that pass midnight, or counters that restart after another ``period`` (ns)."""
+    """Return times of day that continue after midnight, so that they do not decrease. ``there`` is returned
+    unchanged.
+
+    With another ``period`` (ns), counters that restart after this period are continued.
+    """
     import numpy as np
 
     rows = np.flatnonzero(there)

@@ -1,4 +1,6 @@
-"""Tables as text: detection of encoding, delimiter and head; every row has a cell for each name of the head."""
+"""Reads tables from text. It detects encoding, delimiter and head. Every row must have a cell for each name in the
+head.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,7 @@ _MISSING: Final = frozenset((*MISSING, *INFINITE))
 
 
 def is_value(cell: str) -> bool:
-    """Return whether a cell holds a number, a time, or a word for a missing value."""
+    """Return whether a cell contains a number, a time, or a word for a missing value."""
     text = cell.strip()
     return bool(
         text and (_LIKE_A_NUMBER.fullmatch(text) or text.upper() in _MISSING or looks_like_a_stamp(text))
@@ -42,7 +44,7 @@ def is_value(cell: str) -> bool:
 
 
 def read_text_table(path: Path, keys: FileKeys, wanted: Sequence[ColumnName], account: Account) -> Sheet:
-    """Return the sheet of a text table; the head is the line with the ``wanted`` names.
+    """Return the sheet of a text table. The head is the line with the ``wanted`` names.
 
     Raises RecordError, with line, for a row with more or fewer cells than the head, and for text between the rows.
     """
@@ -94,7 +96,9 @@ def text_lines(path: Path, encoding: str, account: Account) -> list[str]:
 
 
 def _without_zeros(content: bytes, account: Account) -> bytes:
-    """Return the content without the lines that have a byte 0, for example after a power cut; count these lines."""
+    """Return the content without lines that contain a byte 0, for example after a power cut. They are counted in
+    ``account``.
+    """
     lines = content.split(b"\n")
     cut = [number for number, line in enumerate(lines, 1) if b"\0" in line]
     if len(cut) * 10 > len(lines):
@@ -104,7 +108,7 @@ def _without_zeros(content: bytes, account: Account) -> bytes:
 
 
 def rows_of(lines: Sequence[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows of text lines with the number of the last line of each, from 1. Raises csv.Error for invalid
+    """Yield the number of the last line (from 1) and the cells of each row in a text. Raises csv.Error for invalid
     text.
     """
     if delimiter == " ":
@@ -119,12 +123,12 @@ def rows_of(lines: Sequence[str], delimiter: str) -> Iterator[tuple[int, list[st
 
 
 def cells_of(lines: Sequence[str], delimiter: str) -> Iterator[tuple[int, list[str]]]:
-    """Yield rows as `rows_of`, but ignore quotation marks, and strip spaces around cells."""
+    """Yield rows like `rows_of`, but quotation marks do not join lines, and spaces around cells are removed."""
     yield from enumerate(_lenient(lines, delimiter), 1)
 
 
 def _lenient(lines: Sequence[str], delimiter: str) -> list[list[str]]:
-    """Return one row for each line; quotation marks do not join lines."""
+    """Return one row of cells for each line. Quotation marks do not join lines."""
     if delimiter == " ":
         return [line.split() for line in lines]
     found = []
@@ -135,7 +139,9 @@ def _lenient(lines: Sequence[str], delimiter: str) -> list[list[str]]:
 
 
 def _delimiter(lines: Sequence[str], keys: FileKeys, wanted: Sequence[ColumnName]) -> str:
-    """Return the delimiter that yields a row with the wanted names, otherwise the one with most rows of equal width."""
+    """Return the delimiter that gives a row with the ``wanted`` names. Otherwise it is the one with most rows of
+    equal width.
+    """
     if lines[0].lower().startswith("sep=") and len(lines[0].strip()) == 5:
         return lines[0].strip()[-1]
     looked = lines[:_LOOKED_AT]
@@ -156,7 +162,9 @@ def _delimiter(lines: Sequence[str], keys: FileKeys, wanted: Sequence[ColumnName
 def _head(
     lines: Sequence[str], keys: FileKeys, delimiter: str, wanted: Sequence[ColumnName]
 ) -> tuple[int, list[str]]:
-    """Return the index of the first line below the head, and the names in the head; no names without one."""
+    """Return the index of the first line below the head, and the names in the head. Without a head there are no
+    names.
+    """
     skipped = keys.skip_rows or 0
     if keys.skip_rows is None and lines[0].lower().startswith("sep="):
         skipped = 1
@@ -178,7 +186,7 @@ def _head(
 
 
 def _names(row: Sequence[str]) -> list[str]:
-    """Return the names in a head, without a comment mark."""
+    """Return the names in a head, without a mark of a comment."""
     if row and row[0][:1] in ("#", "%"):
         first = row[0].lstrip("#% ")
         row = [first, *row[1:]] if first else row[1:]
@@ -187,7 +195,7 @@ def _names(row: Sequence[str]) -> list[str]:
 
 @dataclass
 class _Rows:
-    """The rows below a head, sorted into rows of values and other lines."""
+    """The lines below a head, separated into rows of values and other lines."""
 
     path: Path
     lines: Sequence[str]
@@ -205,7 +213,7 @@ class _Rows:
     trailing: bool = False
 
     def read(self) -> None:
-        """Sort all rows. Raises RecordError for a row that is neither values nor another known line."""
+        """Read all lines. Raises RecordError for a line that is neither a row of values nor another known line."""
         self.width = len(self.head)
         while self.width and not self.head[self.width - 1]:
             self.width -= 1
@@ -255,7 +263,7 @@ class _Rows:
         return False
 
     def _is_units(self, row: list[str]) -> bool:
-        """Return whether a row has units: it is directly below the head, and its only number is the unit 1."""
+        """Return whether a row contains units. It is below the head, and contains no number except the unit 1."""
         if self.numbers or not self.head:
             return False
         cells = [cell.strip() for cell in row if cell.strip()]
@@ -291,7 +299,7 @@ class _Rows:
             self.batches[index].append(pa.array(cells, pa.large_string()))
 
     def sheet(self, account: Account) -> Sheet:
-        """Return the columns, and report the other lines to the ``account``."""
+        """Return the rows of values as a sheet. The other lines are counted in ``account``."""
         import numpy as np
         import pyarrow as pa
 
@@ -306,7 +314,9 @@ class _Rows:
         return Sheet(self.path, columns, np.array(self.numbers, np.int64), delimiter=self.delimiter)
 
     def _units(self, account: Account) -> list[str]:
-        """Return the units that the file gives, in a row below the head or in the names."""
+        """Return the unit of each column, which is in a row below the head or in the names. It is "" if there is
+        none.
+        """
         units = [unit_in_name(name) for name in self.head[: self.width]]
         for line, row in self.above:
             if self._is_units(row) or _mostly_units([cell.strip() for cell in row if cell.strip()]):

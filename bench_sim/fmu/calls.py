@@ -1,4 +1,6 @@
-"""The calls of FMI 2.0 and 3.0 that co-simulation needs, under the same names. FMPy makes them."""
+"""The calls of FMI 2.0 and 3.0 that co-simulation needs, under the same method names for both versions. FMPy makes
+the calls.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ from bench_sim.fmu.description import Fmu, FmuError
 
 
 class _Instance:
-    """The calls that have the same names in both versions. ``fmu`` is the object of FMPy."""
+    """The calls that both FMI versions share. ``fmu`` is the FMPy object of the instance."""
 
     fmu: Any
     enumeration: str  #: type of which an enumeration is set and read

@@ -39,9 +39,8 @@ class FmuError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class FmuUnit:
-    """The unit of a variable: SI = ``factor`` · number + ``zero``. Without a unit ``name`` and ``si`` are "".
-
-    A difference has ``zero`` = 0, with any ``offset`` of its unit.
+    """The unit of a variable. A value in SI units is ``factor`` · number + ``zero``. Without a unit, ``name`` and
+    ``si`` are "". For a difference of two values ``zero`` is 0, even if the unit has an ``offset``.
     """
 
     name: str = ""
@@ -62,7 +61,7 @@ class FmuUnit:
 
 @dataclass(frozen=True, slots=True)
 class Variable:
-    """One scalar of an FMU; ``low``, ``high`` and ``start`` are in its own unit."""
+    """One scalar variable of an FMU. ``low``, ``high`` and ``start`` are in the unit of the variable."""
 
     name: str
     reference: int
@@ -105,7 +104,7 @@ class Fmu:
 
     @property
     def identity(self) -> str:
-        """File name, version, token and hash."""
+        """Return file name, version, token and hash as one text."""
         return f"{self.path.name}, FMI {self.version}.0, {self.token}, sha256 {self.digest}"
 
     def variable(self, name: str, where: str) -> Variable:
@@ -177,7 +176,7 @@ def unpack_fmu(path: Path, folder: Path) -> None:
 
 
 def require_fmpy() -> Any:
-    """Return FMPy. Raises FmuError with the command that installs it."""
+    """Return the module FMPy. If it is not installed, FmuError states the command that installs it."""
     try:
         import fmpy
     except ImportError:
@@ -186,7 +185,7 @@ def require_fmpy() -> Any:
 
 
 def library_of(version: int, identifier: str) -> str:
-    """Return the path inside an FMU of its library for this system."""
+    """Return the path, inside an FMU, of the library for this operating system and processor."""
     fmpy = require_fmpy()
     folder = fmpy.platform if version == 2 else fmpy.platform_tuple
     return f"binaries/{folder}/{identifier}{fmpy.sharedLibraryExtension}"
@@ -207,7 +206,9 @@ def _check_platform(path: Path, version: int, identifier: str, files: Collection
 
 
 def _differences(path: Path) -> dict[str, bool]:
-    """Return ``relativeQuantity`` of the variables that have it. FMPy (0.3.32) reads only that of types."""
+    """Return the attribute ``relativeQuantity`` of each variable that states it, by name of the variable. FMPy
+    (0.3.32) reads this attribute only where a type definition states it.
+    """
     found = {}
     with open_archive(path) as archive, archive.open(_DESCRIPTION) as file:
         for _, one in iterparse(file):
@@ -273,8 +274,9 @@ def _plain(name: str) -> str:
 
 
 def _si_units(path: Path, definitions: Sequence[Any]) -> dict[_Size, str]:
-    """Return the name of the SI unit of each size: ours, else that of the FMU, else in base units. Raises FmuError for
-    a unit with the factor 0.
+    """Return the name of the SI unit for each combination of base units. The name is from the unit table of this
+    project, otherwise from the FMU, otherwise composed of the base units. Raises FmuError for a unit with a factor
+    of 0 or a factor or offset that is not finite.
     """
     found: dict[_Size, str] = {}
     for one in UNITS.values():
@@ -295,7 +297,7 @@ def _si_units(path: Path, definitions: Sequence[Any]) -> dict[_Size, str]:
 
 
 def _own_units(definitions: Sequence[Any], si: Mapping[_Size, str]) -> dict[str, Unit]:
-    """Return the units that an FMU defines, by their names and, for SI, in base units."""
+    """Return the units that an FMU defines, by name. The SI unit of each is also listed under its base units."""
     own = {}
     for unit in definitions:
         if unit.baseUnit is not None:
@@ -307,9 +309,8 @@ def _own_units(definitions: Sequence[Any], si: Mapping[_Size, str]) -> dict[str,
 
 
 def _unit(path: Path, variable: str, name: str, definition: Any, si: Mapping[_Size, str]) -> FmuUnit:
-    """Return a unit that an FMU names and may define. Raises FmuError if the definition contradicts the name.
-
-    Some tools define angles as numbers, others with the base unit rad.
+    """Return the unit of a variable. Raises FmuError if the FMU defines a known unit with another size. Some tools
+    define angles as plain numbers, others with the base unit rad; both are accepted.
     """
     plain = _plain(name)
     base = None if definition is None else definition.baseUnit

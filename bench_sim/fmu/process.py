@@ -1,8 +1,8 @@
-"""Runs an FMU in a separate process, because its library may crash, hang, print or change the folder.
+"""Runs an FMU in a separate process, because its library may crash, hang, print or change the working folder.
 
-The parent unpacks the FMU with `FmuRunner`, which starts workers. `Worker.request` sends a request and waits for the
-answer with a timeout. It reports a failure with the call in which the FMU was and with the end of its log. In the
-worker `RequestPipes` receives requests.
+The parent unpacks the FMU with `FmuRunner`, which starts worker processes. `Worker.request` sends a request and waits
+for the answer, with a timeout. If the worker fails, the error message contains the FMU call that was in progress and
+the end of the log. In the worker process, `RequestPipes` receives the requests.
 """
 
 from __future__ import annotations
@@ -27,7 +27,9 @@ _LOG_TAIL: Final = 400
 
 
 class FmuRunner:
-    """An FMU in a temporary folder, and its worker processes, which run ``module``. `close` ends and removes all."""
+    """An FMU that is unpacked in a temporary folder, and its worker processes, which run the Python ``module``.
+    `close` ends the processes and removes the folder.
+    """
 
     def __init__(self, fmu: Fmu, module: str) -> None:
         self.fmu, self._module = fmu, module
@@ -39,7 +41,7 @@ class FmuRunner:
         unpack_fmu(fmu.path, self.unpacked)
 
     def start(self) -> Worker:
-        """Start a worker, which has its own folder."""
+        """Start and return a worker process, which gets a working folder of its own."""
         worker = Worker(self.fmu.path.name, self._module, Path(tempfile.mkdtemp(dir=self.folder)))
         self._workers.append(worker)
         return worker
@@ -77,7 +79,7 @@ class Worker:
 
     @property
     def descriptors(self) -> tuple[int, int]:
-        """File descriptors to the worker and from it."""
+        """Return the file descriptors for writing to the worker and for reading from it."""
         return self._stdin.fileno(), self._stdout.fileno()
 
     def request(
@@ -88,9 +90,9 @@ class Worker:
         where: Callable[[], str],
         progress: Callable[[], bytes] = bytes,
     ) -> Any:
-        """Return the answer to a message. Without new ``progress`` for ``timeout`` s the process is killed.
-
-        FmuError reports a call that the FMU refused, a crash or a timeout; ``where`` returns the call.
+        """Send a message and return the answer. If ``progress`` returns the same value for ``timeout`` s, the process
+        is killed. FmuError reports a failed call, a crash or a timeout; ``where`` returns the text that names the
+        call.
         """
         done = threading.Event()
         supervisor = threading.Thread(target=self._supervise, args=(done, timeout, progress), daemon=True)
@@ -139,7 +141,7 @@ class Worker:
         return f"ended its process (exit code {code})"
 
     def log_tail(self) -> str:
-        """Return a sentence with the end of the log, or "" for an empty log."""
+        """Return a sentence with the end of the worker's log, or "" if the log is empty."""
         return log_tail(self._log.read_text("utf-8", "replace")) if self._log.exists() else ""
 
     def close(self) -> None:
@@ -162,7 +164,9 @@ def print_log(text: str) -> None:
 
 
 class RequestPipes:
-    """Requests to this worker and answers to its parent. Standard output is the log from now on, and input is empty."""
+    """The pipes of a worker process: requests from its parent, and answers to it. From then on, all that the FMU
+    prints goes to the log, and standard input is empty.
+    """
 
     def __init__(self) -> None:
         self._requests, self._answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
@@ -172,7 +176,9 @@ class RequestPipes:
         self.descriptors = self._requests.fileno(), self._answers.fileno()
 
     def answer(self, handle: Callable[[Any], Any]) -> None:
-        """Answer one request with what ``handle`` returns. End the process if the parent sends no more requests."""
+        """Wait for one request, and send the result of ``handle`` back. If the parent has closed its pipe, end this
+        process.
+        """
         try:
             request = pickle.load(self._requests)
         except EOFError:

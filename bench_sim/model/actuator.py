@@ -16,22 +16,24 @@ from bench_sim.model.layout import ACTUATORS, DELAY_CAPACITY, LATERAL, Input, Mo
 
 @compiled
 def actuator_sense(actuator: int) -> float:
-    """Return +1 if a positive force moves the bolster in the positive direction, else −1: the vertical ones push
-    down.
+    """Return the sign of the bolster motion under a positive force: +1 for the lateral actuator. It is −1 for the
+    vertical actuators, because they push down.
     """
     return 1.0 if actuator == LATERAL else -1.0
 
 
 @compiled
 def bolster_point(x: Any, par: Any, actuator: int) -> tuple[float, float]:
-    """Return displacement and speed of the bolster at the pin of the actuator, up or left positive."""
+    """Return displacement (m) and speed (m/s) of the bolster where the actuator is attached; up and left are
+    positive.
+    """
     if actuator == LATERAL:
         arm = -par.lateral_actuator_height
         place = State.BOLSTER_LATERAL
     else:
         arm = (1.0 - 2.0 * actuator) * par.actuator_half_spacing
         place = State.BOLSTER_VERTICAL
-    # The speeds are three places behind the displacements.
+    # The index of a speed is that of its displacement plus 3.
     return (
         x[place] + arm * x[State.BOLSTER_ROLL],
         x[place + 3] + arm * x[State.BOLSTER_ROLL_SPEED],
@@ -40,7 +42,9 @@ def bolster_point(x: Any, par: Any, actuator: int) -> tuple[float, float]:
 
 @compiled
 def actuator_force(x: Any, mem: Any, par: Any, j: int, d: float, d_speed: float) -> float:
-    """Force of one actuator on the bolster in N, in its own sense, including the cushion at the end of its stroke."""
+    """Return the force of one actuator on the bolster in N, including the cushion at the end of the stroke. A
+    positive force pushes down (vertical actuators) or to the left (lateral).
+    """
     sense = actuator_sense(j)
     q = x[State.ACTUATOR + j]
     if mem.mode[j] == Mode.DISPLACEMENT:
@@ -82,7 +86,9 @@ def actuator_term(x: Any, mem: Any, par: Any, out: Any, dx: Any) -> None:
 
 @compiled
 def piston_displacement(x: Any, mem: Any, par: Any, j: int, force: float, d: float) -> float:
-    """Return the reading of the actuator's transducer: the displacement of the bolster plus that of the frame."""
+    """Return the reading of the displacement transducer in the actuator, in m. It contains the deflection of the
+    frame.
+    """
     if mem.mode[j] == Mode.DISPLACEMENT:
         return x[State.ACTUATOR + j]
     return d + actuator_sense(j) * force / par.frame_stiffness[j]
@@ -90,7 +96,9 @@ def piston_displacement(x: Any, mem: Any, par: Any, j: int, force: float, d: flo
 
 @compiled
 def relief_speed(x: Any, mem: Any, par: Any, j: int) -> float:
-    """Return the speed (m/s) of a shut-in piston under a force beyond that of its relief valves; 0 below it."""
+    """Return the speed (m/s) of a piston whose valve is closed. It is 0 up to the force at which the relief valves
+    open.
+    """
     d, d_speed = bolster_point(x, par, j)
     force = actuator_force(x, mem, par, j, d, d_speed)
     beyond = force - min(max(force, -par.actuator_relief_force[j]), par.actuator_relief_force[j])
@@ -99,7 +107,7 @@ def relief_speed(x: Any, mem: Any, par: Any, j: int) -> float:
 
 @compiled
 def hold_setpoint(mem: Any, j: int, value: float) -> None:
-    """Fill the delay line with one value, as if the set-point had always been constant."""
+    """Set the set-point and fill its delay line with one value, as if the set-point had always been constant."""
     mem.setpoint[j] = value
     mem.delayed[j] = value
     for k in range(DELAY_CAPACITY):
@@ -108,8 +116,8 @@ def hold_setpoint(mem: Any, j: int, value: float) -> None:
 
 @compiled
 def change_mode(x: Any, mem: Any, par: Any, j: int, mode: int) -> None:
-    """Change the control mode without a bump: force and speed do not change, and the set-point starts at the present
-    position.
+    """Change the control mode without a jump: the force stays the same. The set-point starts at the present position
+    or force.
     """
     d, d_speed = bolster_point(x, par, j)
     force = actuator_force(x, mem, par, j, d, d_speed)
@@ -128,7 +136,9 @@ def change_mode(x: Any, mem: Any, par: Any, j: int, mode: int) -> None:
 
 @compiled
 def command_actuators(x: Any, mem: Any, u: Any, par: Any, dt: float) -> None:
-    """Update modes, limits and slew rates of the set-points, and the delay line; once per step."""
+    """Update control modes and set-points of all actuators, once per step. Set-points are limited in size and rate,
+    and delayed.
+    """
     head = mem.step % DELAY_CAPACITY
     for j in range(ACTUATORS):
         mode = int(u[Input.VERTICAL_LEFT_MODE + j])

@@ -1,6 +1,5 @@
-"""All terms of the air springs and their valves, for any mass on them.
-
-The bench adds a bolster with actuators (`bench_sim.model.kernel`), the vehicle a car body (`bench_sim.model.car`).
+"""All terms of the air springs and their valves. The mass on the springs may be any: the bench adds a bolster with
+actuators (`bench_sim.model.kernel`), the vehicle a car body (`bench_sim.model.car`).
 """
 
 from typing import Any, Final
@@ -21,21 +20,23 @@ from bench_sim.model.valves import (
     supply_term,
 )
 
-#: States whose derivatives are sums of terms; those of the extra branches behind them have one term each.
+#: Number of states whose derivatives are sums of terms. The states of extra branches follow; each has one term only.
 _SUMMED: Final = int(State.EXTRA_VERTICAL_DASHPOT)
 
 
 @compiled
 def air_spring(t: float, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
-    """Write the derivatives of gas, rubber, valves and springs to ``dx`` (STATES), and their part of ``out``.
+    """Write the derivatives of gas, rubber, valves and springs to ``dx`` (STATES), and their algebraic variables to
+    ``out``.
 
-    The forces on the mass that the springs carry are summed in the derivatives of its speeds. The caller divides them
-    by that mass. Extra branches that are not fitted have no elements in ``dx``, so nothing is written for them.
+    The forces on the mass above the springs are summed in the derivatives of its speeds. The caller divides these sums
+    by the mass. ``dx`` may have no elements for extra rubber branches that are not in use; then nothing is written for
+    them.
     """
     for k in range(_SUMMED):
         dx[k] = 0.0
     spring_algebra(t, x, mem, par, out)
-    # Flows and relaxation first: the bellows' speed, and with it their work, follows from them.
+    # Flows and relaxation are first, because the speed and the work of the bellows depend on them.
     supply_term(t, x, u, par, dx)
     orifice_term(t, x, mem, u, par, out, dx)
     leveling_term(x, mem, u, par, out, dx)

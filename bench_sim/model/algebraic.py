@@ -5,7 +5,7 @@ from typing import Final
 
 
 class Algebraic(IntEnum):
-    """Places in the array of algebraic quantities; pairs hold left and right (``Algebraic.X + side``)."""
+    """Indices of the array of algebraic variables. A pair holds left and right: ``Algebraic.X + side``."""
 
     HEIGHT = 0  #: ζ, spring height above design height, m
     LATERAL = 2  #: y, lateral displacement of the top plate against its foot, m
@@ -32,7 +32,7 @@ class Algebraic(IntEnum):
     LATERAL_PER_PRESSURE = 44
     DASHPOT_VERTICAL = 46  #: rate of F_z by relaxation of the rubber, N/s
     DASHPOT_LATERAL = 48
-    VERTICAL_FORCE = 50  #: all that the spring does to the bolster: N, N, N·m
+    VERTICAL_FORCE = 50  #: total force of the spring on the bolster, N; next: lateral (N), roll moment (N·m)
     LATERAL_FORCE = 52
     ROLL_MOMENT = 54
     ACTUATOR_FORCE = 56  #: three

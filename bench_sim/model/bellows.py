@@ -1,8 +1,9 @@
-"""The equations of the bellows and of the emergency spring in series with it, as functions of numbers without branches.
+"""The equations of the bellows and of the emergency spring in series with it, as functions of numbers without
+branches.
 
-`bench_sim.model.spring` calls them for the two springs of a bench. The lanes call them for eight springs in lock-step,
-where each call becomes vector instructions. Decisions are therefore selections, and a division that is needed twice is
-computed once as a reciprocal.
+`bench_sim.model.spring` calls them for the two springs of a bench. `bench_sim.model.lanes` calls them for eight
+springs at the same time, where the compiler makes vector instructions of them. For this reason each decision is a
+selection of one of two values, and a division that is needed twice is computed once as a reciprocal.
 """
 
 from math import sqrt
@@ -20,7 +21,7 @@ ITERATIONS: Final = 40
 
 @compiled
 def lateral_shape(y: float, per_scale: float) -> tuple[float, float, float]:
-    """Y, Y′ and Y″ of Y = y²/(1+(y/y_s)²) in m², m, 1; ``per_scale`` is 1/y_s."""
+    """Return Y = y²/(1+(y/y_s)²) in m² and its derivatives Y′ (m) and Y″ (1). ``per_scale`` is 1/y_s."""
     t = y * per_scale
     s = 1.0 + t * t
     per_s = 1.0 / s
@@ -31,7 +32,7 @@ def lateral_shape(y: float, per_scale: float) -> tuple[float, float, float]:
 def envelope(
     z: float, Y: float, Y1: float, V_0: float, A_0: float, A_1: float, kappa_0: float, kappa_1: float
 ) -> tuple[float, float, float, float]:
-    """V in m³ at the pressure of the load case, ∂V/∂ζ and ∂V/∂y in m², and κ₀+κ₁ζ in m."""
+    """Return V in m³ at the pressure of the load case, ∂V/∂ζ and ∂V/∂y in m², and κ₀+κ₁ζ in m."""
     length = kappa_0 + kappa_1 * z
     V = max(V_0 + (A_0 + 0.5 * A_1 * z) * z - 0.5 * length * Y, SMALLEST_VOLUME)
     return V, A_0 + A_1 * z - 0.5 * kappa_1 * Y, -0.5 * length * Y1, length
@@ -39,13 +40,15 @@ def envelope(
 
 @compiled
 def pressure_that_stretches(content: float, V: float, compliance: float) -> float:
-    """p in Pa that solves p (V + C_V p) = ``content`` (J), V being the volume without pressure."""
+    """Return the pressure p in Pa that solves p (V + C_V p) = ``content`` (J). V is the volume at zero pressure."""
     return 2.0 * content / (V + sqrt(V * V + 4.0 * compliance * content))
 
 
 @compiled
 def pressure_that_carries(load: float, A: float, growth: float) -> float:
-    """p_g in Pa that solves p_g (A + A_p p_g) = ``load`` (N), A being the area without pressure."""
+    """Return the gauge pressure p_g in Pa that solves p_g (A + A_p p_g) = ``load`` (N). A is the area at zero
+    pressure.
+    """
     return 2.0 * load / (A + sqrt(A * A + 4.0 * growth * load))
 
 
@@ -66,11 +69,11 @@ def vertical_loads(
     contact_height: float,
     contact_stiffness: float,
 ) -> tuple[float, float, float, float]:
-    """Compression of the contact in m, F_z in N, ∂F_z/∂ζ_b at constant pressure in N/m and ∂F_z/∂p in m².
+    """Return the compression of the contact in m, F_z in N, ∂F_z/∂ζ_b at constant pressure in N/m, and ∂F_z/∂p in m².
 
-    ``A`` m² is the area without pressure, ``growth`` m²/Pa its growth with the gauge pressure. ``rubber`` N is the
-    force of the relaxing elements with the stiffness ``stiff`` N/m; ``f`` and ``slope`` are those of the friction
-    curve.
+    ``A`` (m²) is the area at zero pressure, ``growth`` (m²/Pa) its increase per gauge pressure. ``rubber`` (N) is the
+    force of the relaxing elements, and ``stiff`` (N/m) their stiffness. ``f`` is the value of the friction curve,
+    ``slope`` its slope.
     """
     limit = friction_limit(friction, friction_slope, gauge)
     contact = max(contact_height - z, 0.0)
@@ -97,7 +100,9 @@ def lateral_loads(
     friction: float,
     friction_slope: float,
 ) -> tuple[float, float, float]:
-    """F_y, ∂F_y/∂y_b and ∂F_y/∂p, like `vertical_loads`; ``bend`` is ∂²V/∂y² in m."""
+    """Return F_y in N, ∂F_y/∂y_b in N/m and ∂F_y/∂p in m². Arguments are as in `vertical_loads`; ``bend`` is ∂²V/∂y²
+    in m.
+    """
     limit = friction_limit(friction, friction_slope, gauge)
     return (
         gauge * B - shell * y - rubber - limit * f,
@@ -108,7 +113,7 @@ def lateral_loads(
 
 @compiled
 def pressure_per_volume(p: float, V: float, compliance: float) -> float:
-    """−dp/dV = p/(V + C_V p) in Pa/m³ at constant internal energy."""
+    """Return −dp/dV = p/(V + C_V p) in Pa/m³ at constant internal energy."""
     return p / (V + compliance * p)
 
 
@@ -125,7 +130,9 @@ def compliance_matrix(
     c_y: float,
     p_V: float,
 ) -> tuple[float, float, float, float]:
-    """1 − C·K of the series connection, row by row; ``p_V`` is −dp/dV in Pa/m³ for the present change of state."""
+    """Return the matrix 1 − C·K of the series connection, row by row. ``p_V`` is −dp/dV in Pa/m³ of the present
+    process.
+    """
     return (
         1.0 - c_z * (K_zz - per_z * p_V * A),
         -c_z * (K_zy - per_z * p_V * B),
@@ -136,14 +143,16 @@ def compliance_matrix(
 
 @compiled
 def solve_two(a: float, b: float, c: float, d: float, u: float, v: float) -> tuple[float, float]:
-    """Solution of a z + b y = u, c z + d y = v."""
+    """Return the solution (z, y) of a z + b y = u, c z + d y = v."""
     inverse = 1.0 / (a * d - b * c)
     return (d * u - b * v) * inverse, (a * v - c * u) * inverse
 
 
 @compiled
 def newton_step(a: float, b: float, c: float, d: float, miss_z: float, miss_y: float) -> tuple[float, float]:
-    """Return the Newton correction of the bellows' share, vertically and laterally, in m."""
+    """Return the Newton correction of the vertical and the lateral deflection of the bellows in m, limited to
+    `LONGEST_STEP`.
+    """
     z, y = solve_two(a, b, c, d, miss_z, miss_y)
     return min(max(z, -LONGEST_STEP), LONGEST_STEP), min(max(y, -LONGEST_STEP), LONGEST_STEP)
 
@@ -161,7 +170,9 @@ def tangents(
     K_yy: float,
     p_V: float,
 ) -> tuple[float, float, float, float]:
-    """Return the changes by a small step (z, y) m along the tangents: F_z, F_y, the volume by motion alone, and p."""
+    """Return the changes of F_z, F_y, volume and pressure by a small step (z, y) in m, linearised. The change of the
+    volume is that at constant pressure.
+    """
     V = A * z + B * y
     p = -p_V * V
     return K_zz * z + K_zy * y + per_z * p, K_zy * z + K_yy * y + per_y * p, V, p
@@ -188,10 +199,10 @@ def bellows_speeds(
     c_z: float,
     c_y: float,
 ) -> tuple[float, float, float]:
-    """ζ̇_b and ẏ_b in m/s, and dV/dt in m³/s, from the series connection differentiated in time.
+    """Return ζ̇_b and ẏ_b in m/s, and dV/dt in m³/s, from the time derivative of the series connection.
 
-    dp/dt = ((κ−1)Ḣ − κ p (∂V/∂ζ ζ̇_b + ∂V/∂y ẏ_b))/(V + κ C_V p), where ``heating`` is (κ−1)Ḣ in W, and Ḣ is the sum of
-    incoming enthalpy and heat. ``relax_z`` and ``relax_y`` are the rates of force by relaxation in N/s.
+    dp/dt = ((κ−1)Ḣ − κ p (∂V/∂ζ ζ̇_b + ∂V/∂y ẏ_b))/(V + κ C_V p). Ḣ is the sum of incoming enthalpy and heat, and
+    ``heating`` is (κ−1)Ḣ in W. ``relax_z`` and ``relax_y`` are the rates of the forces by relaxation in N/s.
     """
     per_V = 1.0 / (V + kappa * compliance * p)
     a, b, c, d = compliance_matrix(A, B, per_z, per_y, K_zz, K_zy, K_yy, c_z, c_y, kappa * p * per_V)

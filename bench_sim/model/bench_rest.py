@@ -1,4 +1,4 @@
-"""The whole bench at rest: the forces of its actuators, its heights without air, and its state.
+"""The bench at rest: forces of its actuators, its heights without air, and its complete state.
 
 These functions are not compiled here, because an FMU of the bench compiles them itself.
 """
@@ -12,7 +12,7 @@ from bench_sim.model.spring import stretch, volume
 
 
 def rest_forces(par: Any) -> tuple[float, float, float]:
-    """Return the forces of the actuators (N) if springs at design height carry their preload."""
+    """Return the three actuator forces (N) with which springs at design height carry their preload."""
     left, right = par.nominal_preload[0], par.nominal_preload[1]
     total = left + right - par.bolster_mass * par.gravity
     difference = (left - right) * par.spring_half_spacing / par.actuator_half_spacing
@@ -20,7 +20,9 @@ def rest_forces(par: Any) -> tuple[float, float, float]:
 
 
 def seated_height(par: Any, side: int) -> tuple[float, float]:
-    """Return the height of one bellows and its spring (m) without air, under the weight of the bolster alone."""
+    """Return the height of one bellows and the height of its complete spring (m), without air, under the weight of
+    the bolster alone.
+    """
     weight = 0.5 * par.bolster_mass * par.gravity
     shell = par.shell_stiffness_vertical[side]
     bellows = (par.contact_stiffness * par.contact_height - weight) / (shell + par.contact_stiffness)
@@ -33,10 +35,10 @@ def seated_height(par: Any, side: int) -> tuple[float, float]:
 
 
 def settle_bench(x: Any, mem: Any, par: Any, bellows: Any, height: Any, pressure: Any, supply: float) -> None:
-    """Place the bolster at these heights of the springs, with relaxed rubber and the gas at the wall temperature.
+    """Write the state of a bench at rest to ``x`` and ``mem``. Rubber is relaxed, and the gas is at wall temperature.
 
-    ``bellows`` and ``height`` (m) and ``pressure`` (Pa absolute) have one value for each side. The commands of the
-    actuators are assumed to have been constant for a long time.
+    ``bellows`` and ``height`` (m) and ``pressure`` (Pa absolute) have one value for each side. The actuator commands
+    are assumed to have been constant for a long time.
     """
     T = settled_temperature(par)
     x[State.BOLSTER_VERTICAL] = 0.5 * (height[0] + height[1])

@@ -10,7 +10,9 @@ from bench_sim.model.layout import BUMP_POINTS, Input, State
 
 @compiled
 def bump_stop_force(displacement: float, par: Any) -> float:
-    """Restoring force on the bolster in N: a table, linear between its points and beyond the last one."""
+    """Return the restoring force on the bolster in N. The table is interpolated linearly, and extrapolated beyond its
+    last point.
+    """
     travel = abs(displacement)
     if travel <= par.bump_stop_travel[0]:
         return 0.0
@@ -26,14 +28,14 @@ def bump_stop_force(displacement: float, par: Any) -> float:
 
 @compiled
 def extra_stop_force(displacement: float, par: Any) -> float:
-    """Restoring force in N of a second lateral stop, linear beyond its gap."""
+    """Return the restoring force of a second lateral stop in N. It is linear beyond its gap."""
     reach = max(abs(displacement) - par.extra_stop_gap, 0.0)
     return (-1.0 if displacement > 0.0 else 1.0) * par.extra_stop_stiffness * reach
 
 
 @compiled
 def stop_force(displacement: float, par: Any) -> float:
-    """Restoring force of all lateral stops on the bolster in N."""
+    """Return the restoring force of all lateral stops on the bolster in N."""
     if par.extra_stop_stiffness == 0.0:
         return bump_stop_force(displacement, par)
     return bump_stop_force(displacement, par) + extra_stop_force(displacement, par)
@@ -41,18 +43,20 @@ def stop_force(displacement: float, par: Any) -> float:
 
 @compiled
 def felt_acceleration(roll: float, lateral: float, vertical: float, angular: float, par: Any) -> float:
-    """Return ÿ + (g + z̈)φ − h_m φ̈ in m/s²: the reading of a lateral accelerometer h_m above the bolster's centre.
+    """Return ÿ + (g + z̈)φ − h_m φ̈ in m/s²: the reading of a lateral accelerometer at h_m above the bolster's
+    centre.
 
-    The accelerometer measures its acceleration minus that of gravity, along an axis that rolls with the bolster. When
-    the left side is up, this axis points up on the left. Gravity then reads as an acceleration to the left, and points
-    above the centre move to the right.
+    An accelerometer measures its own acceleration minus the acceleration of gravity. Its axis rolls with the bolster.
+    If the left side of the bolster is higher, gravity appears as an acceleration to the left, and points above the
+    centre move to the right.
     """
     return lateral + (par.gravity + vertical) * roll - par.accelerometer_height * angular
 
 
 @compiled
 def bolster_term(x: Any, par: Any, out: Any, dx: Any) -> None:
-    """Compute the accelerations of the bolster from the forces (N) that springs and actuators added to ``dx``.
+    """Convert the sums of forces (N) in ``dx`` to accelerations of the bolster. Springs and actuators have added them
+    before.
 
     m z̈ = ΣF_z − ΣF_act − m g;  m ÿ = ΣF_y + F_act + F_bs;  J φ̈ = Σ moments.
     """
@@ -75,7 +79,9 @@ def bolster_term(x: Any, par: Any, out: Any, dx: Any) -> None:
 
 @compiled
 def platform_term(x: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
-    """Add the motions of the platform, which follow their commands with second order, independent of the load."""
+    """Add the motion of the platform to the derivatives. It follows its commands with second order, and no load
+    affects it.
+    """
     omega = 2.0 * pi * par.platform_frequency
     for k in range(3):
         if k == 0:

@@ -1,15 +1,15 @@
-"""Half a car on one bogie: the car body takes the bolster's place on the same two air springs, under crosswind.
+"""Half a car on one bogie under crosswind: the car body replaces the bolster on the same two air springs.
 
-The six states of the bolster are those of the car body, and the states of the platform those of the bogie, which the
-track moves. Gas, orifices, valves, rubber and springs are those of the bench (`air_spring`). With the centre of gravity
-e above the top plates, damper and bump stop e_d and e_s below it, the wind h_w above it, and displacements against the
-bogie at those points:
+The six states of the bolster are those of the car body. The states of the platform are those of the bogie, which
+follows the track. Gas, orifices, valves, rubber and springs are those of the bench (`air_spring`). The centre of
+gravity is e above the top plates. Damper and bump stop act e_d and e_s below it, and the wind acts h_w above it.
+Displacements are relative to the bogie at these points:
 
     m ÿ = ½F_w + ΣF_y + F_d + F_bs
     m z̈ = ΣF_z − m g
     J φ̈ = Σ(s_i b F_z,i + e F_y,i + M_i) + e_d F_d + e_s F_bs − ½h_w F_w − K_arb φ + m g e φ
 
-The last term is from the weight: a body that rolls by φ on springs e below its centre moves that centre sideways by eφ.
+The last term is from the weight: if the body rolls by φ, its centre, e above the springs, moves sideways by eφ.
 """
 
 from dataclasses import dataclass
@@ -39,7 +39,7 @@ class TrackShape(IntEnum):
 
 
 class RideChannel(IntEnum):
-    """Columns of a recorded ride (SI; left and up positive, roll left side up)."""
+    """Columns of a recorded ride, in SI units. Left and up are positive; roll is positive if the left side is up."""
 
     LATERAL = 0  #: centre of gravity of the car body against the undisturbed track
     VERTICAL = 1
@@ -87,9 +87,9 @@ CAR: Final = np.dtype([(q.name, np.float64, q.shape) for q in CAR_QUANTITIES])
 
 @compiled
 def track_wave(t: float, car: Any) -> tuple[float, float]:
-    """Displacement and its rate for an amplitude of 1 at ``t`` s, ω = 2πV/λ; 1 and 1/s.
+    """Return displacement and rate (1/s) of a track wave with amplitude 1 at ``t`` s, with ω = 2πV/λ.
 
-    Level before t = 0 and after ``track_waves`` waves.
+    Both are 0 before t = 0 and after ``track_waves`` waves.
     """
     omega = 2.0 * pi * car.train_speed / car.track_wavelength
     phase = omega * t
@@ -105,7 +105,7 @@ def track_wave(t: float, car: Any) -> tuple[float, float]:
 
 @compiled
 def place_bogie(t: float, car: Any, x: Any) -> None:
-    """Write the track under the bogie into the platform's states."""
+    """Write position and speed of the track under the bogie into the states of the platform."""
     place, speed = track_wave(t, car)
     x[State.PLATFORM_LATERAL] = car.track_lateral * place
     x[State.PLATFORM_LATERAL_SPEED] = car.track_lateral * speed
@@ -115,7 +115,7 @@ def place_bogie(t: float, car: Any, x: Any) -> None:
 
 @compiled
 def damper_force(x: Any, car: Any) -> float:
-    """Force of the lateral damper on the car body in N: −c v, beyond ±``damper_knee`` at another rate."""
+    """Return the force of the lateral damper on the car body in N: −c v, with another rate beyond ±``damper_knee``."""
     speed = (
         x[State.BOLSTER_LATERAL_SPEED]
         - x[State.PLATFORM_LATERAL_SPEED]
@@ -127,7 +127,9 @@ def damper_force(x: Any, car: Any) -> float:
 
 @compiled
 def wind_at(t: float, force: Any, interval: float) -> float:
-    """Return the wind force: linear between samples ``interval`` s apart, the last one held."""
+    """Return the wind force at ``t`` s, interpolated between samples ``interval`` s apart. The last sample stays
+    valid.
+    """
     s = max(t / interval, 0.0)
     last = force.shape[0] - 1
     if s >= last:
@@ -138,7 +140,7 @@ def wind_at(t: float, force: Any, interval: float) -> float:
 
 @compiled
 def car_term(x: Any, par: Any, car: Any, wind: float, out: Any, dx: Any) -> None:
-    """Add all forces except those of the springs to the derivatives of the speeds; then divide by mass and inertia.
+    """Add all forces except those of the springs to ``dx``, and divide the sums by mass and inertia.
 
     ``wind`` is the force on this half of the car in N.
     """
@@ -170,16 +172,18 @@ def car_term(x: Any, par: Any, car: Any, wind: float, out: Any, dx: Any) -> None
 def car_slope(
     ahead: float, x: Any, mem: Any, u: Any, par: Any, car: Any, wind: float, dx: Any, out: Any
 ) -> None:
-    """dx/dt under ``wind`` N: the terms of the bench with `car_term` in place of actuators, bolster and platform."""
+    """Write dx/dt to ``dx`` under a ``wind`` force in N. `car_term` replaces the terms of actuators, bolster and
+    platform.
+    """
     air_spring(mem.time + ahead, x, mem, u, par, dx, out)
     car_term(x, par, car, wind, out, dx)
 
 
 @compiled_once
 def riding(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
-    """The car's right-hand side (`bench_sim.model.runge_kutta`) on its track and in its wind.
+    """Compute the right-hand side of the car (`bench_sim.model.runge_kutta`) on its track and in the wind.
 
-    ``given``: the car, the time in s since the wind's first sample, the wind's samples in N, their interval in s.
+    ``given`` contains the car, the time since the first wind sample (s), the wind samples (N), and their interval (s).
     """
     car, since, force, interval = given
     place_bogie(mem.time + ahead, car, x)
@@ -188,7 +192,7 @@ def riding(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any
 
 @compiled
 def record(x: Any, car: Any, wind: float, slope: Any, out: Any, row: Any) -> None:
-    """Fill one row of a ride (`RideChannel`)."""
+    """Write one row of a ride (`RideChannel`) to ``row``."""
     for k in range(6):
         row[RideChannel.LATERAL + k] = x[State.BOLSTER_LATERAL + k]
     for k in range(3):
@@ -215,9 +219,10 @@ def ride_on(
     rows: Any,
     algebraics: Any,
 ) -> None:
-    """Take ``steps`` Runge-Kutta steps; ``force`` is that of the wind on half the car in N from now on.
+    """Take ``steps`` Runge-Kutta steps in place. ``force`` holds the wind force on half the car in N from now on.
 
-    Row k of ``rows`` (CHANNELS) and ``algebraics`` (ALGEBRAICS) is the instant before step k·every, up to the last row.
+    Row k of ``rows`` (CHANNELS) and of ``algebraics`` (ALGEBRAICS) is written before step k·every, until the arrays
+    are full.
     """
     mem = memory[0]
     par = parameters[0]
@@ -244,7 +249,9 @@ def ride_on(
 def car_derivative(
     t: float, x: Any, memory: Any, u: Any, parameters: Any, cars: Any, wind: float, dx: Any, out: Any
 ) -> None:
-    """`car_slope` at ``t`` s with the records in arrays of one, for integrators that choose their own steps."""
+    """Write dx/dt at ``t`` s like `car_slope`, for integrators that choose their own steps. Records are passed as
+    arrays of one element.
+    """
     mem = memory[0]
     dx[:] = 0.0
     car_slope(t - mem.time, x, mem, u, parameters[0], cars[0], wind, dx, out)
@@ -252,7 +259,9 @@ def car_derivative(
 
 @dataclass(frozen=True, slots=True)
 class Ride:
-    """A recorded ride: time in s, `RideChannel` by column, and algebraic quantities (`Algebraic`) if requested."""
+    """A recorded ride: ``time`` in s, ``rows`` with the columns of `RideChannel`, and the variables of `Algebraic` if
+    requested.
+    """
 
     time: NDArray[np.float64]
     rows: NDArray[np.float64]
@@ -263,13 +272,14 @@ class Ride:
         return self.rows[:, channel]
 
     def spring(self, quantity: Algebraic, side: int = 0) -> NDArray[np.float64]:
-        """Return one algebraic quantity over time."""
+        """Return one algebraic variable over time."""
         return self.algebraic[:, quantity + side]
 
     def lateral_acceleration(self, depth: float = 0.0, gravity: float = 0.0) -> NDArray[np.float64]:
         """Return ÿ + d φ̈ + g φ in m/s², at ``depth`` m below the centre of gravity.
 
-        With ``gravity`` it is the reading of an accelerometer fixed to the inclined floor, without it the motion alone.
+        With ``gravity`` this is the reading of an accelerometer on the inclined floor. Without, it is the acceleration
+        of the motion alone.
         """
         return (
             self.of(RideChannel.LATERAL_ACCELERATION)

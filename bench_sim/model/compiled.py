@@ -1,6 +1,7 @@
-"""Compilation of the model's functions: before use, cached, with the same arithmetic as in plain Python.
+"""Decorators that compile the functions of the model with numba. Compiled code is cached on disk, and its arithmetic
+is the same as in plain Python.
 
-With ``NUMBA_DISABLE_JIT=1`` functions stay plain Python: the same equations, for comparison.
+With ``NUMBA_DISABLE_JIT=1`` the functions stay plain Python, for comparison.
 """
 
 from collections.abc import Callable
@@ -10,24 +11,23 @@ from bench_protocol.runtime.binding import cached
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """Compile a term or a helper, and copy it into its callers. It must not allocate arrays."""
+    """Compile a small function, and copy its code into its callers. It must not allocate arrays."""
     # Without numba's runtime no array is counted: counting costs five times the arithmetic of a small term.
     return _compile(function, _nrt=False, forceinline=True)
 
 
 def compiled_within(function: Callable[..., Any]) -> Any:
-    """Compile a helper around a right-hand side, only as a part of each of its callers.
+    """Compile a helper only as a part of each of its callers. The helper calls a right-hand side.
 
-    A separate compilation would compile everything in the right-hand side once more.
+    A separate compilation would compile the complete right-hand side once more.
     """
     return _compile(function, _nrt=False, inline="always")
 
 
 def compiled_once(function: Callable[..., Any]) -> Any:
-    """Compile a large function with several callers, which is called, not copied.
+    """Compile a large function with several callers, which call it instead of copying its code.
 
-    numba compiles it with the options of its first caller. If that caller is `compiled`, the function is copied into
-    it.
+    numba compiles it with the options of its first caller. If this caller uses `compiled`, the code is copied into it.
     """
     return _compile(function, _nrt=False)
 
@@ -38,9 +38,9 @@ def compiled_entry(function: Callable[..., Any]) -> Any:
 
 
 def compiled_parallel(function: Callable[..., Any]) -> Any:
-    """Compile a long calculation that several threads run at once, without the interpreter lock.
+    """Compile a long calculation that runs in several threads at the same time: it releases the interpreter lock.
 
-    The rig's tick does not use this, because it would have to wait to get the interpreter lock back.
+    The tick of the rig does not use this, because it would have to wait for the interpreter lock afterwards.
     """
     return _compile(function, nogil=True)
 

@@ -1,6 +1,7 @@
-"""Experiments with an imposed motion: the bolster's motion is prescribed and the springs' response recorded.
+"""Experiments in which the motion of the bolster is prescribed and the response of the springs is recorded.
 
-Terms, step and memory are those of the kernel; only the bolster's six states are prescribed instead of integrated.
+Terms, step and memory are those of the kernel. Only the six states of the bolster are prescribed instead of
+integrated.
 """
 
 from dataclasses import dataclass
@@ -33,7 +34,7 @@ LATERAL, VERTICAL, ROLL = 0, 1, 2
 
 @compiled
 def course(shape: int, amplitude: float, frequency: float, t: float) -> tuple[float, float]:
-    """Displacement and speed at ``t`` ≥ 0."""
+    """Return displacement and speed at ``t`` ≥ 0, without the offset."""
     if amplitude == 0.0:
         return 0.0, 0.0
     if shape == Shape.SINE:
@@ -52,7 +53,9 @@ def course(shape: int, amplitude: float, frequency: float, t: float) -> tuple[fl
 
 @compiled
 def place_bolster(t: float, motion: Any, x: Any) -> None:
-    """Write the motion into the bolster's states; rows of ``motion``: shape, offset, amplitude, frequency, start."""
+    """Write the prescribed motion into the bolster's states. A row of ``motion`` has shape, offset, amplitude,
+    frequency and start.
+    """
     for k in range(3):
         displacement, speed = course(
             int(motion[k, 0]), motion[k, 2], motion[k, 3], max(t - motion[k, 4], 0.0)
@@ -63,7 +66,7 @@ def place_bolster(t: float, motion: Any, x: Any) -> None:
 
 @compiled
 def moved_bench(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
-    """The bench's right-hand side with a prescribed motion of its bolster; ``given`` holds the motion."""
+    """Compute the right-hand side of the bench with a prescribed motion of the bolster. ``given`` holds the motion."""
     place_bolster(mem.time + ahead, given[0], x)
     evaluate(ahead, x, mem, u, par, (), dx, out)
 
@@ -81,9 +84,11 @@ def impose_motion(
     states: Any,
     rows: Any,
 ) -> None:
-    """Take ``steps`` steps with the bolster moved by ``motion``; with a pipe, steps are divided as in the kernel.
+    """Take ``steps`` steps in place with the bolster moved by ``motion``. With a pipe, steps are divided as in the
+    kernel.
 
-    Row k of ``rows`` (ALGEBRAICS) and ``states`` (STATES) is the instant before step k·every, up to the last row.
+    Row k of ``rows`` (ALGEBRAICS) and of ``states`` (STATES) is written before step k·every, until the arrays are
+    full.
     """
     mem = memory[0]
     par = parameters[0]
@@ -106,7 +111,7 @@ def impose_motion(
 
 @dataclass(frozen=True, slots=True)
 class ImposedMotion:
-    """One imposed direction: SI, frequency in Hz (of a ramp: one over its duration)."""
+    """The imposed motion in one direction, in SI units. The ``frequency`` (Hz) of a ramp is 1 / duration."""
 
     direction: int
     amplitude: float
@@ -117,19 +122,21 @@ class ImposedMotion:
 
 @dataclass(frozen=True, slots=True)
 class TimeHistory:
-    """The record of an experiment: time in s, states and algebraic quantities row by row."""
+    """The record of an experiment: time in s, and one row of states and of algebraic variables per instant."""
 
     time: NDArray[np.floating]
     states: NDArray[np.float64]
     algebraic: NDArray[np.float64]
 
     def of(self, quantity: Algebraic, side: int = 0) -> NDArray[np.float64]:
-        """Return one algebraic quantity over time."""
+        """Return one algebraic variable over time."""
         return self.algebraic[:, quantity + side]
 
 
 def isolate(plant: Plant) -> None:
-    """Close the plant's valves (leveling, service, differential pressure); the orifice paths stay."""
+    """Close the plant's valves (leveling, service, differential pressure). The orifices to the auxiliary chambers
+    stay open.
+    """
     for valve in (
         Input.LEFT_LEVELING,
         Input.RIGHT_LEVELING,
@@ -149,7 +156,9 @@ def impose(
     dt: float | None = None,
     rows: int | None = None,
 ) -> TimeHistory:
-    """Move the plant's bolster for ``duration`` s from now, and record every ``every`` steps (at most ``rows``)."""
+    """Move the plant's bolster for ``duration`` s from now on. Record the state every ``every`` steps, at most
+    ``rows`` times.
+    """
     step = plant.dt if dt is None else dt
     steps = round(duration / step)
     count = -(-steps // every) if rows is None else rows
@@ -176,7 +185,9 @@ def impose(
 
 
 def first_harmonic(signal: NDArray[np.float64], cycles: int = 1) -> complex:
-    """Return the complex amplitude of sin 2πft in equidistant samples over whole ``cycles``."""
+    """Return the complex amplitude of the first harmonic: the real part is that of sin 2πft. The equidistant samples
+    span whole ``cycles``.
+    """
     phase = 2.0 * np.pi * cycles * np.arange(len(signal)) / len(signal)
     return complex(2.0 * np.mean(signal * np.sin(phase)), 2.0 * np.mean(signal * np.cos(phase)))
 
@@ -191,10 +202,11 @@ def dynamic_stiffness(
     longest_step: float = 1e-3,
     offsets: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> tuple[complex, TimeHistory]:
-    """Complex stiffness K' + iK'' in N/m of the left spring over the last of ``cycles`` sine cycles, and that cycle.
+    """Return the complex stiffness K' + iK'' in N/m of the left spring, and the record of the last of ``cycles`` sine
+    cycles.
 
-    First harmonic of the force on the bolster over that of the displacement, restoring positive. ``offsets`` holds
-    the bolster's mean position (lateral, vertical, roll).
+    The stiffness is the first harmonic of the force on the bolster, divided by that of the displacement; a restoring
+    force is positive. ``offsets`` is the mean position of the bolster (lateral, vertical, roll).
     """
     isolate(plant)
     per_cycle = max(16, int(np.ceil(1.0 / (frequency * longest_step) - 1e-9)))

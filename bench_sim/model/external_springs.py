@@ -1,9 +1,9 @@
-"""A bench whose springs are computed by an external library, which has a fixed communication step.
+"""A bench whose springs are computed by an external library with a fixed communication step.
 
-Once per communication step the library receives the motion of the springs, takes that step, and returns the forces at
-its end. The displacements at the end are predicted from position, speed and acceleration at the beginning, with an
-error of third order. Between both instants the forces are interpolated linearly. The rest of the bench is integrated as
-with built-in springs.
+At the start of each communication step the library receives the motion of the springs, and returns the forces at the
+end of the step. The displacements at the end are predicted from position, speed and acceleration at the start, with an
+error of third order. Between start and end the forces are interpolated linearly. The rest of the bench is integrated
+as with built-in springs.
 """
 
 from enum import IntEnum
@@ -30,7 +30,7 @@ from bench_sim.model.valves import (
 
 
 class Feed(IntEnum):
-    """Quantities that the bench can send to external springs, SI; pairs hold left and right."""
+    """Quantities that the bench can send to external springs, in SI units. A pair holds left and right."""
 
     HEIGHT = 0  #: over design height, m
     HEIGHT_SPEED = 2
@@ -54,38 +54,38 @@ class Feed(IntEnum):
 
 
 FEEDS: Final = 29
-#: Taken from there next to `Algebraic`: the supply pressure, Pa gauge. Pressures are taken as gauge throughout.
+#: Index of an output in addition to those of `Algebraic`: the supply pressure. All pressures of springs are gauge, Pa.
 SUPPLY_TAKEN: Final = ALGEBRAICS
 
 
 class Slot(IntEnum):
-    """Places in the numbers of `ExternalSprings`."""
+    """Indices of ``numbers`` in `ExternalSprings`."""
 
-    ON = 0  #: 1: there are springs from elsewhere
+    ON = 0  #: 1: the springs are external
     INSTANCES = 1
     TICKS = 2  #: of one communication step
-    TICK = 3  #: of it that have passed
+    TICK = 3  #: ticks of this communication step that have passed
     STEPS = 4  #: communication steps so far
-    TAKES = 5  #: quantities that come from there
+    TAKES = 5  #: number of outputs of the springs
     VALVES = 6  #: 1: the bench's valves feed the springs
     HOLD = 7  #: `Hold`
     FAILED = 8  #: `bench_sim.rig.external_springs.Failure`
-    CALL = 9  #: `bench_sim.rig.external_springs.Call` in which it is, or was when it failed
-    INSTANCE = 10  #: of that call
-    STATUS = 11  #: that it returned, or which of the outputs is no number
-    APART = 12  #: 1: in its own process, which reads and writes
-    ASK = 13  #: descriptors to it and from it
+    CALL = 9  #: `bench_sim.rig.external_springs.Call`: the present call, or the one that failed
+    INSTANCE = 10  #: the instance of that call
+    STATUS = 11  #: the status that the call returned, or the index of an output that is not a number
+    APART = 12  #: 1: the library runs in a separate process
+    ASK = 13  #: file descriptors to that process and from it
     ANSWER = 14
     PATIENCE = 15  #: ms that an answer may take
-    BENDS = 16  #: 1: accelerations are given as well
+    BENDS = 16  #: 1: the springs also receive accelerations
     SPARE = 17
     FLAGS = 18
 
 
 class Hold(IntEnum):
-    """The instant of a communication step whose displacement the springs receive."""
+    """The instant within a communication step whose displacement the springs receive."""
 
-    BEGIN = 0  #: they go on with the speed themselves
+    BEGIN = 0  #: the springs extrapolate with the speed
     MIDDLE = 1
     END = 2
 
@@ -95,32 +95,34 @@ COMPONENT, SET, STEP, GET, VERSION, INPUT, OUTPUT = range(7)
 
 
 class ExternalSprings(NamedTuple):
-    """The data of external springs; all 0 without any. Inputs and outputs of all instances are in one row each."""
+    """The data of external springs; all are 0 with built-in springs. A row holds the inputs or outputs of all
+    instances.
+    """
 
     numbers: npt.NDArray[np.int64]  #: `Slot`
-    clock: npt.NDArray[np.float64]  #: s: where the present communication step begins, its length, scratch
+    clock: npt.NDArray[np.float64]  #: s: start and length of the present communication step, working memory
     instances: npt.NDArray[
         np.int64
     ]  #: addresses; the first input and output of each; one row more for the end
     input_references: npt.NDArray[np.uint32]
     output_references: npt.NDArray[np.uint32]
     fed: npt.NDArray[np.int64]  #: `Feed` of each input
-    feed_scale: npt.NDArray[np.float64]  #: (inputs, 2): its number is scale · value + zero
-    inputs: npt.NDArray[np.float64]  #: (2, inputs): for the step, and at its end
+    feed_scale: npt.NDArray[np.float64]  #: (inputs, 2) scale and zero: FMU number = scale · SI value + zero
+    inputs: npt.NDArray[np.float64]  #: (2, inputs): values for the step, and values at its end
     taken: npt.NDArray[np.int64]  #: `Algebraic` of each output, or `SUPPLY_TAKEN`
-    take_scale: npt.NDArray[np.float64]  #: (outputs, 2): SI, pressures gauge
+    take_scale: npt.NDArray[np.float64]  #: (outputs, 2) scale and zero: SI value = scale · output + zero
     outputs: npt.NDArray[np.float64]
     known: npt.NDArray[np.float64]  #: (2, outputs), SI: at the beginning and the end of the step
     feeds: npt.NDArray[np.float64]  #: (FEEDS,), SI
 
     @classmethod
     def none(cls) -> "ExternalSprings":
-        """Return the record of a bench with built-in springs."""
+        """Return the data of a bench with built-in springs."""
         return cls.of_size(0, 0, 0)
 
     @classmethod
     def of_size(cls, instances: int, inputs: int, outputs: int) -> "ExternalSprings":
-        """Return a record with newly allocated memory for these numbers of instances, inputs and outputs."""
+        """Return data with newly allocated arrays for these numbers of instances, inputs and outputs."""
         return cls(*(np.zeros(shape, kind) for shape, kind in layout(instances, inputs, outputs)))
 
 
@@ -146,20 +148,20 @@ def layout(instances: int, inputs: int, outputs: int) -> tuple[tuple[tuple[int, 
 #: States whose derivatives are sums of terms, and those that are integrated.
 _SUMMED: Final = int(State.EXTRA_VERTICAL_DASHPOT)
 INTEGRATED: Final = int(State.PIPE_FLOW)
-#: Inputs of the bench that are its valves; these are first.
+#: Number of the bench's valve inputs, which are the first inputs.
 _VALVES: Final = Input.DPV_CONNECTED + 1
 
 
 @compiled
 def know_outputs(e: Any) -> None:
-    """Convert the outputs of the library to the known values at the end of the step."""
+    """Convert the outputs of the library to SI values, which are valid at the end of the communication step."""
     for k in range(e.numbers[Slot.TAKES]):
         e.known[1, k] = e.take_scale[k, 0] * e.outputs[k] + e.take_scale[k, 1]
 
 
 @compiled
 def _spread(e: Any, share: float, x: Any, par: Any, out: Any) -> None:
-    """Write the outputs of the springs after a ``share`` of the communication step."""
+    """Write the interpolated outputs of the springs after a ``share`` (0 to 1) of the communication step."""
     atmosphere = par.atmospheric_pressure
     for k in range(e.numbers[Slot.TAKES]):
         value = e.known[0, k] + share * (e.known[1, k] - e.known[0, k])
@@ -175,9 +177,9 @@ def _spread(e: Any, share: float, x: Any, par: Any, out: Any) -> None:
 
 @compiled_once
 def evaluate_around(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
-    """The right-hand side (`bench_sim.model.runge_kutta`) of the bench with external springs.
+    """Compute the right-hand side (`bench_sim.model.runge_kutta`) of the bench with external springs.
 
-    ``given`` is `ExternalSprings`, the elapsed share of its communication step, and the share per second.
+    ``given`` contains the `ExternalSprings`, the elapsed share of the communication step, and the share per second.
     """
     e, share, rate = given
     for k in range(_SUMMED):
@@ -196,7 +198,7 @@ def evaluate_around(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any
 
 @compiled
 def _accelerations(x: Any, par: Any, dx: Any) -> tuple[float, float, float]:
-    """Return the accelerations of the springs' mean height, their roll, and their lateral displacement."""
+    """Return three accelerations of the springs: mean height (m/s²), roll (rad/s²) and lateral (m/s²)."""
     vertical = dx[State.BOLSTER_VERTICAL_SPEED] - dx[State.PLATFORM_VERTICAL_SPEED]
     roll = dx[State.BOLSTER_ROLL_SPEED] - dx[State.PLATFORM_ROLL_SPEED]
     lateral = dx[State.BOLSTER_LATERAL_SPEED] + par.centre_height * dx[State.BOLSTER_ROLL_SPEED]
@@ -208,7 +210,10 @@ def _accelerations(x: Any, par: Any, dx: Any) -> tuple[float, float, float]:
 def write_feeds(
     feeds: Any, after: float, after_speed: float, x: Any, u: Any, par: Any, dx: Any, out: Any
 ) -> None:
-    """Write the possible inputs of springs (FEEDS); displacements and speeds are extrapolated from the slope ``dx``."""
+    """Write all quantities that springs can receive to ``feeds`` (FEEDS).
+
+    Displacements are extrapolated by ``after`` s and speeds by ``after_speed`` s, with the accelerations in ``dx``.
+    """
     vertical, roll, lateral = _accelerations(x, par, dx)
     for i in range(2):
         a = vertical + (1.0 - 2.0 * i) * par.spring_half_spacing * roll
@@ -235,9 +240,9 @@ def write_feeds(
 
 @compiled
 def feed_inputs(e: Any, x: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
-    """Write the inputs of the instances, from the slope ``dx`` at the beginning of the communication step.
+    """Write the inputs of all instances, computed from the derivatives ``dx`` at the start of the communication step.
 
-    Springs that extrapolate only with the speed receive the mean speed of the step.
+    Springs that extrapolate with the speed alone receive the mean speed of the step.
     """
     T, n = e.clock[1], e.numbers
     hold = 0.5 * n[Slot.HOLD] * T
@@ -251,7 +256,7 @@ def feed_inputs(e: Any, x: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
 
 @compiled
 def let_air_in(e: Any, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
-    """Add the air flow through the valves of the bench to ``dx`` of the auxiliary chambers."""
+    """Add the air flow through the bench's valves to the derivatives ``dx`` of the auxiliary chambers."""
     if e.numbers[Slot.VALVES] == 0:
         return
     for i in range(2):

@@ -2,15 +2,16 @@
 
     I dG/dt = Δp − Δp_loss(G) = R (G_s − G),   I = L/A_p,   Δp_loss(G_s) = Δp
 
-G_s is the steady flow and R the secant of the loss between G and G_s. The flow is not a state but G = G_s − D, where
-the missing flow D follows dD/dt = dG_s/dt − (R/I) D. From the start of a step (D₀, G_s0) to an instant h later it is
-solved for a linear G_s,
+G_s is the steady flow, and R the slope of the secant of the loss between G and G_s. The flow G is not a state. It is
+computed as G = G_s − D, where the missing flow D follows dD/dt = dG_s/dt − (R/I) D. If G_s is linear in time, the
+solution at a time h after the start of a step (D₀, G_s0) is
 
     D = e^(−z) D₀ + (1 − e^(−z))/z · (G_s − G_s0),   z = h R/I
 
-so that no step is too long for a small inertance: D → I/R · dG_s/dt, linear in I down to zero. R is that of the present
-steady flow and the flow at the start of the step. For an inertia of 1 m the error is 0.5 % at a step of 1 ms and 3 % at
-2.5 ms. The loss is only that of the orifice; `bench_sim.model.pipe` adds that of a long pipe, with shorter steps.
+So a small inertance does not need short steps: D → I/R · dG_s/dt, linear in I down to zero. R is that between the
+present steady flow and the flow at the start of the step. For a length of 1 m the error is 0.5 % at a step of 1 ms and
+3 % at 2.5 ms. The loss is only that of the orifice; `bench_sim.model.pipe` adds that of a long pipe, with shorter
+steps.
 """
 
 from math import exp, expm1
@@ -22,7 +23,7 @@ from bench_sim.model.orifice import mass_flow, nozzle_function
 
 @compiled
 def loss(flow: float, laminar: float, k: float) -> float:
-    """Δp_loss in Pa: that of the orifice, quadratic with ``k``, or linear with ``laminar`` if that is larger."""
+    """Return Δp_loss of the orifice in Pa: ``k`` G², or ``laminar`` · G if that is larger."""
     return flow * max(laminar, k * abs(flow))
 
 
@@ -30,7 +31,9 @@ def loss(flow: float, laminar: float, k: float) -> float:
 def loss_secant(
     steady: float, flow: float, p_b: float, T_b: float, p_a: float, T_a: float, area: float, par: Any
 ) -> float:
-    """R in Pa·s/kg between ``flow`` and the ``steady`` flow of the present pressures; ``area`` is C_d A in m²."""
+    """Return R in Pa·s/kg: the slope of the loss between ``flow`` and the ``steady`` flow at the present pressures.
+    ``area`` is C_d A in m².
+    """
     p_up = max(p_b, p_a)
     T_up = T_b if p_b > p_a else T_a
     # the orifice is linear up to this flow
@@ -48,8 +51,8 @@ def loss_secant(
 
 @compiled
 def held_back(ahead: float, missing: float, rise: float, rate: float) -> float:
-    """D after ``ahead`` s, from ``missing`` kg/s at the start and a rise of the steady flow by ``rise``; ``rate`` is
-    R/I.
+    """Return the missing flow D in kg/s after ``ahead`` s. ``missing`` is D at the start, ``rise`` the increase of
+    the steady flow since then, and ``rate`` is R/I.
     """
     z = rate * ahead
     ramp = -expm1(-z) / z if z > 1e-12 else 1.0
@@ -70,6 +73,8 @@ def missing_flow(
     inertance: float,
     par: Any,
 ) -> float:
-    """D in kg/s, ``ahead`` s after the start of a step with the noted flows; ``inertance`` in 1/m."""
+    """Return the missing flow D in kg/s, ``ahead`` s after the start of a step with the noted flows. ``inertance`` is
+    in 1/m.
+    """
     rate = loss_secant(steady, noted_steady - noted_missing, p_b, T_b, p_a, T_a, area, par) / inertance
     return held_back(ahead, noted_missing, steady - noted_steady, rate)

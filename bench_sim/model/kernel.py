@@ -1,8 +1,9 @@
-"""The bench: its right-hand side as a sum of terms, its fixed step, and one sampling of its sensors.
+"""The bench: its right-hand side as a sum of terms, its fixed step, and the readings of its sensors.
 
 ``x`` is the state vector (`State`), ``mem`` the memory record (`quantities.MEMORY`), ``u`` the inputs (`Input`),
-``par`` the parameter record (`quantities.PARAMETERS`). Discontinuous quantities (latches, friction reversals, delayed
-set-points) are in ``mem`` and constant within a step. Effects add their terms to `air_spring` or here.
+``par`` the parameter record (`quantities.PARAMETERS`). Discontinuous quantities (valve states, friction reversals,
+delayed set-points) are in ``mem`` and constant within a step. Effects add their terms to `air_spring` or to this
+module.
 """
 
 from typing import Any
@@ -22,9 +23,9 @@ from bench_sim.model.step_start import begin
 
 @compiled
 def evaluate(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
-    """The bench's right-hand side (`bench_sim.model.runge_kutta`); ``given`` is empty."""
+    """Compute the right-hand side of the bench (`bench_sim.model.runge_kutta`). ``given`` is empty."""
     air_spring(mem.time + ahead, x, mem, u, par, dx, out)
-    # Forces gather in the derivatives of the speeds; the bolster divides them by its mass.
+    # Forces are summed in the derivatives of the speeds; `bolster_term` divides the sums by the mass.
     actuator_term(x, mem, par, out, dx)
     bolster_term(x, par, out, dx)
     platform_term(x, u, par, out, dx)
@@ -32,7 +33,7 @@ def evaluate(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: A
 
 @compiled_entry
 def derivative(t: float, x: Any, mem: Any, u: Any, par: Any, dx: Any) -> None:
-    """dx/dt alone at ``t`` s, for integrators that choose their own steps; ``mem`` does not change."""
+    """Write dx/dt at ``t`` s, for integrators that choose their own steps. ``mem`` does not change."""
     dx[:] = 0.0
     evaluate(t - mem.time, x, mem, u, par, (), dx, np.empty(ALGEBRAICS))
 
@@ -41,7 +42,9 @@ def derivative(t: float, x: Any, mem: Any, u: Any, par: Any, dx: Any) -> None:
 def begin_step(
     slope: Any, x: Any, mem: Any, u: Any, par: Any, given: Any, dt: float, dx: Any, out: Any, values: Any
 ) -> None:
-    """Carry out the actions of a step (`bench_sim.model.step_start`), and compute the slope at its start."""
+    """Carry out the actions at the start of a step (`bench_sim.model.step_start`), and write the slope there to
+    ``dx``.
+    """
     command_actuators(x, mem, u, par, dt)
     begin(slope, x, mem, u, par, given, dx, out)
     true_values(x, mem, par, out, values)
@@ -60,7 +63,7 @@ def step(
     out: Any,
     values: Any,
 ) -> None:
-    """Take one fixed step in place by its ``scheme`` (`step_scheme`), in the caller's working memory.
+    """Take one fixed step in place. ``scheme`` is that of `step_scheme`, and the caller provides the working memory.
 
     Shapes: ``work`` (5, STATES), ``out`` (ALGEBRAICS), ``values`` (SENSORS).
     """
@@ -71,14 +74,16 @@ def step(
 
 @compiled_once
 def observe(x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any, values: Any) -> None:
-    """Compute slope, algebraic quantities and ideal readings of the present state; nothing else changes."""
+    """Write slope, algebraic variables and ideal readings of the present state. State and memory do not change."""
     evaluate(0.0, x, mem, u, par, (), dx, out)
     true_values(x, mem, par, out, values)
 
 
 @compiled_entry
 def measure(x: Any, mem: Any, u: Any, par: Any, counter: int, readings: Any) -> None:
-    """Write the readings of all sensors (SI, `Sensor`). Nothing else changes, so it may be called at any rate."""
+    """Write the readings of all sensors (SI, `Sensor`). State and memory do not change, so calls at any rate are
+    possible.
+    """
     values = np.empty(SENSORS)
     observe(x, mem, u, par, np.empty(STATES), np.empty(ALGEBRAICS), values)
     read_sensors(mem, par, values, counter, readings)
@@ -86,9 +91,9 @@ def measure(x: Any, mem: Any, u: Any, par: Any, counter: int, readings: Any) -> 
 
 @compiled_entry
 def advance_plant(x: Any, memory: Any, u: Any, parameters: Any, dt: float, steps: int) -> None:
-    """Take ``steps`` fixed steps in place with constant inputs; a pipe divides each step (`pipe_steps`).
+    """Take ``steps`` fixed steps in place with constant inputs. With a pipe, each step is divided (`pipe_steps`).
 
-    Both records are passed as arrays of one element, because numba takes these from Python ten times faster than
+    Both records are passed as arrays of one element, because numba takes them from Python ten times faster than
     records.
     """
     mem, par = memory[0], parameters[0]
@@ -102,5 +107,5 @@ def advance_plant(x: Any, memory: Any, u: Any, parameters: Any, dt: float, steps
 
 @compiled_entry
 def measure_plant(x: Any, memory: Any, u: Any, parameters: Any, counter: int, readings: Any) -> None:
-    """Write the readings like `measure`, with both records in arrays of one."""
+    """Write the readings like `measure`, with both records passed as arrays of one element."""
     measure(x, memory[0], u, parameters[0], counter, readings)

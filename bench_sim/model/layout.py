@@ -1,7 +1,7 @@
-"""The indices of all numbers of the plant: inputs, sensors, continuous states, sides.
+"""The indices of all arrays of the plant: inputs, sensors, continuous states, sides.
 
-Each numbering is an ``IntEnum``: its members index plain arrays in Python and are constants for numba. Quantities that
-exist on both sides are in pairs; ``State.BELLOWS_MASS + side`` selects one.
+Each numbering is an ``IntEnum``. Its members index plain arrays in Python and are constants for numba. Quantities of
+both sides are in pairs, and ``State.BELLOWS_MASS + side`` selects one.
 """
 
 from enum import IntEnum
@@ -15,12 +15,12 @@ RIGHT: Final = 1
 #: Branches of the generalised Maxwell model of the rubber.
 BRANCHES: Final = 3
 
-#: Branches and friction elements that the rubber may have beyond those of every spring.
+#: Largest numbers of extra rubber branches and extra friction elements.
 #: All effects at once need 9 and 3; unused ones cost nothing.
 EXTRA_BRANCHES: Final = 12
 EXTRA_FRICTIONS: Final = 6
 
-#: Coefficients of a surface over two states, along the first and the second.
+#: Number of coefficients of a fitted surface, along its first and its second coordinate.
 SURFACE: Final = (8, 4)
 
 #: Servo-hydraulic actuators: vertical left, vertical right, lateral.
@@ -29,10 +29,10 @@ VERTICAL_LEFT: Final = 0
 VERTICAL_RIGHT: Final = 1
 LATERAL: Final = 2
 
-#: Longest delay of an actuator command that the delay line holds, in steps.
+#: Length of the delay line of an actuator command, in steps: the longest possible delay.
 DELAY_CAPACITY: Final = 64
 
-#: Past outputs of each sensor that are kept where readings arrive late, in steps.
+#: Number of past outputs (steps) that are stored for each sensor if readings are delayed.
 HISTORY: Final = 256
 
 #: Points of the force-travel table of the lateral bump stop.
@@ -107,7 +107,7 @@ class Sensor(IntEnum):
 class State(IntEnum):
     """The continuous states, in the order of the state vector.
 
-    States of rarely fitted parts are at the end. A step integrates only up to the last state that can change
+    States of rarely used parts are at the end. A step integrates only up to the last state that can change
     (`bench_sim.model.runge_kutta.integrated_states`).
     """
 

@@ -1,6 +1,7 @@
-"""Deterministic noise: a normal variate computed from a seed, a counter and a channel by an integer hash.
+"""Deterministic noise: a normally distributed number, computed by an integer hash from a seed, a counter and a
+channel.
 
-The hash works on 32 bits inside signed 64-bit integers, so that compiled and plain Python give the same result.
+The hash works on 32 bits inside signed 64-bit integers, so compiled and plain Python give the same result.
 """
 
 from math import cos, log, pi, sqrt
@@ -12,7 +13,9 @@ _WORD = 0xFFFFFFFF
 
 @compiled
 def scramble(word: int) -> int:
-    """A bijection of 32-bit integers; each input bit turns about half of the output bits (Wellons' lowbias32)."""
+    """Return a hash of a 32-bit integer (Wellons' lowbias32). Different integers have different hashes, and each
+    input bit changes about half of the output bits.
+    """
     word &= _WORD
     word = ((word ^ (word >> 16)) * 0x7FEB352D) & _WORD
     word = ((word ^ (word >> 15)) * 0x846CA68B) & _WORD
@@ -21,7 +24,9 @@ def scramble(word: int) -> int:
 
 @compiled
 def normal(seed: int, counter: int, channel: int) -> float:
-    """A variate of N(0, 1): the same for the same three integers, on every machine (Box-Muller)."""
+    """Return a number from the normal distribution N(0, 1), by Box-Muller. The same three integers give the same
+    number on every machine.
+    """
     seed = int(seed)
     counter = int(counter)
     word = scramble(seed)

@@ -1,4 +1,4 @@
-"""Mass flow of a gas through a restriction: isentropic nozzle, ISO 6358 valve and laminar leak, each with direction."""
+"""Mass flow of a gas through a restriction, in both directions: isentropic nozzle, ISO 6358 valve and laminar leak."""
 
 from math import pi, sqrt
 from typing import Final
@@ -12,10 +12,10 @@ AIR_VISCOSITY: Final = 1.81e-5
 
 @compiled
 def nozzle_function(r: float, kappa: float) -> float:
-    """ψ(r) = √(2κ/(κ−1) · (r^{2/κ} − r^{(κ+1)/κ})), held at its maximum below the critical ratio.
+    """Return ψ(r) = √(2κ/(κ−1) · (r^{2/κ} − r^{(κ+1)/κ})), constant at its maximum below the critical ratio.
 
-    ``r`` is downstream over upstream absolute pressure, 0 … 1. With q = r^{1/κ} the bracket is q (q − r), and the
-    maximum is at q = (κ+1) r / 2, so one power is enough for the test and the value.
+    ``r`` is downstream divided by upstream absolute pressure, 0 to 1. With q = r^{1/κ} the bracket is q (q − r), and
+    the maximum is at q = (κ+1) r / 2. So one power is enough.
     """
     q = r ** (1.0 / kappa)
     if q > 0.5 * (kappa + 1.0) * r:
@@ -26,31 +26,31 @@ def nozzle_function(r: float, kappa: float) -> float:
 
 @compiled
 def nozzle_constant(kappa: float) -> float:
-    """2κ/(κ−1)."""
+    """Return 2κ/(κ−1)."""
     return 2.0 * kappa / (kappa - 1.0)
 
 
 @compiled
 def nozzle_root(q: float, r: float, constant: float) -> float:
-    """ψ from q = r^{1/κ} and `nozzle_constant`, for a nozzle that is not choked."""
+    """Return ψ from q = r^{1/κ} and `nozzle_constant`, for a nozzle that is not choked."""
     return sqrt(constant * max(q * (q - r), 0.0))
 
 
 @compiled
 def nozzle_slope(laminar: float, kappa: float) -> float:
-    """ψ/(1−r) above the pressure ratio ``laminar``, where the flow is linear in 1−r."""
+    """Return ψ/(1−r), which is constant above the pressure ratio ``laminar``."""
     return nozzle_function(laminar, kappa) / (1.0 - laminar)
 
 
 @compiled
 def mass_flow(area: float, p_up: float, T_up: float, R: float, psi: float) -> float:
-    """G = C_d A p₁/√(R T₁) · ψ in kg/s."""
+    """Return G = C_d A p₁/√(R T₁) · ψ in kg/s. ``area`` is C_d A in m²."""
     return area * p_up / sqrt(R * T_up) * psi
 
 
 @compiled
 def upstream(p_1: float, T_1: float, p_2: float, T_2: float) -> tuple[float, float, float, float]:
-    """Return the sense of a flow from 1 to 2 (1 or −1), pressure and temperature of the upstream side, and p_down."""
+    """Return direction of flow (1 from 1 to 2, or −1), pressure and temperature upstream, and pressure downstream."""
     forward = p_1 >= p_2
     return 1.0 if forward else -1.0, max(p_1, p_2), T_1 if forward else T_2, min(p_1, p_2)
 
@@ -59,9 +59,10 @@ def upstream(p_1: float, T_1: float, p_2: float, T_2: float) -> tuple[float, flo
 def nozzle_flow(
     p_up: float, T_up: float, p_down: float, area: float, R: float, kappa: float, laminar: float
 ) -> float:
-    """G = C_d A p₁/√(R T₁) · ψ(p₂/p₁) in kg/s for p_up ≥ p_down; ``area`` is C_d A in m².
+    """Return G = C_d A p₁/√(R T₁) · ψ(p₂/p₁) in kg/s for p_up ≥ p_down. ``area`` is C_d A in m².
 
-    Above the pressure ratio ``laminar`` the flow is linear in 1 − r: the square root has an infinite slope at r = 1.
+    Above the pressure ratio ``laminar`` the flow is linear in 1 − r, because the square root has an infinite slope at
+    r = 1.
     """
     r = p_down / p_up
     if r > laminar:
@@ -73,7 +74,7 @@ def nozzle_flow(
 
 @compiled
 def iso_function(r: float, b: float, laminar: float) -> float:
-    """Return √(1 − ((r−b)/(1−b))²): 1 up to the critical ratio ``b``, linear above ``laminar``."""
+    """Return √(1 − ((r−b)/(1−b))²). It is 1 up to the critical ratio ``b``, and linear in r above ``laminar``."""
     s = (min(max(r, b), laminar) - b) / (1.0 - b)
     root = sqrt(1.0 - s * s)
     return root * (1.0 - r) / (1.0 - laminar) if r > laminar else root
@@ -81,7 +82,9 @@ def iso_function(r: float, b: float, laminar: float) -> float:
 
 @compiled
 def iso_flow(p_up: float, T_up: float, p_down: float, conductance: float, b: float, laminar: float) -> float:
-    """G = C ρ₀ p₁ √(T₀/T₁) · iso(p₂/p₁) in kg/s for p_up ≥ p_down; ``conductance`` in m³/(s·Pa) (ISO 6358)."""
+    """Return G = C ρ₀ p₁ √(T₀/T₁) · iso(p₂/p₁) in kg/s for p_up ≥ p_down (ISO 6358). ``conductance`` is in
+    m³/(s·Pa).
+    """
     return (
         conductance
         * ISO_DENSITY
@@ -95,7 +98,7 @@ def iso_flow(p_up: float, T_up: float, p_down: float, conductance: float, b: flo
 def orifice_between(
     p_1: float, T_1: float, p_2: float, T_2: float, area: float, R: float, kappa: float, laminar: float
 ) -> float:
-    """Nozzle flow from 1 to 2 in kg/s; negative when 2 is the upstream side."""
+    """Return the nozzle flow from 1 to 2 in kg/s. It is negative if p_2 is higher."""
     sense, p_up, T_up, p_down = upstream(p_1, T_1, p_2, T_2)
     return sense * nozzle_flow(p_up, T_up, p_down, area, R, kappa, laminar)
 
@@ -104,39 +107,39 @@ def orifice_between(
 def valve_between(
     p_1: float, T_1: float, p_2: float, T_2: float, conductance: float, b: float, laminar: float
 ) -> float:
-    """ISO 6358 flow from 1 to 2 in kg/s; negative when 2 is the upstream side."""
+    """Return the ISO 6358 flow from 1 to 2 in kg/s. It is negative if p_2 is higher."""
     sense, p_up, T_up, p_down = upstream(p_1, T_1, p_2, T_2)
     return sense * iso_flow(p_up, T_up, p_down, conductance, b, laminar)
 
 
 @compiled
 def laminar_between(p_1: float, p_2: float, coefficient: float) -> float:
-    """G = k (p₁² − p₂²) in kg/s: compressible laminar flow through a fine crack."""
+    """Return G = k (p₁² − p₂²) in kg/s: compressible laminar flow through a fine crack."""
     return coefficient * (p_1 * p_1 - p_2 * p_2)
 
 
 @compiled
 def reynolds_per_flow(diameter: float) -> float:
-    """Re/|G| = 4/(π d μ) in s/kg."""
+    """Return Re/|G| = 4/(π d μ) in s/kg."""
     return 4.0 / (pi * diameter * AIR_VISCOSITY)
 
 
 @compiled
 def reynolds_factor(Re: float, k: float) -> float:
-    """C_d/C_d∞ = 1/(1 + k/√Re): 1 − k/√Re where that is close to 1, and above 0 at reversal."""
+    """Return C_d/C_d∞ = 1/(1 + k/√Re). It is close to 1 − k/√Re at high Re, and positive at a reversal of the flow."""
     root = sqrt(max(Re, 1.0))
     return root / (root + k)
 
 
 @compiled
 def one_way(asymmetry: float, outward: float) -> float:
-    """Return the factor of the flow for its direction. An asymmetric orifice passes more air out of the bellows than
-    into it.
+    """Return the factor of the flow area for the direction of flow. With positive ``asymmetry`` an orifice lets more
+    air out of the bellows than into it.
     """
     return 1.0 + asymmetry * (1.0 if outward > 0.0 else -1.0)
 
 
 @compiled
 def effective_flow_area(diameter: float, discharge: float) -> float:
-    """C_d π d²/4 in m²."""
+    """Return C_d π d²/4 in m²."""
     return discharge * 0.25 * pi * diameter * diameter

@@ -1,4 +1,4 @@
-"""The plant as one object: its state, steps, readings, snapshots, and the two initial states."""
+"""The plant as one object, with its state, steps, readings and snapshots, and with two possible initial states."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ STEP = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """Copies of all variables of a plant; valid for plants with the same layout."""
+    """Copies of all variables of a plant. They can be restored in any plant with the same arrays."""
 
     state: NDArray[np.float64]
     inputs: NDArray[np.float64]
@@ -44,8 +44,8 @@ class Snapshot:
 class Plant:
     """The bench with one parameter record (``bench_sim.parameters.Parameters.record``).
 
-    ``state`` (`State`), ``inputs`` (`Input`) and ``memory`` are the complete state; ``inputs`` may be written at any
-    time and keeps its values. The plant is deterministic: ``seed`` determines the noise.
+    ``state`` (`State`), ``inputs`` (`Input`) and ``memory`` are the complete state. ``inputs`` may be written at any
+    time, and keep their values. The plant is deterministic: ``seed`` determines the noise.
     """
 
     def __init__(self, parameters: Any, *, seed: int = 0, dt: float = STEP) -> None:
@@ -80,7 +80,9 @@ class Plant:
 
     @classmethod
     def depressurised(cls, parameters: Any, *, seed: int = 0, dt: float = STEP) -> "Plant":
-        """Return a bench without air: atmosphere in every chamber, bolster on the emergency springs, actuators off."""
+        """Return a bench without air: atmospheric pressure in all chambers, bolster on the emergency springs,
+        actuators off.
+        """
         plant = cls(parameters, seed=seed, dt=dt)
         seated = [seated_height(parameters, side) for side in range(SIDES)]
         bellows, height = (np.array(one) for one in zip(*seated, strict=True))
@@ -91,9 +93,9 @@ class Plant:
 
     @classmethod
     def at_rest(cls, parameters: Any, *, seed: int = 0, dt: float = STEP) -> "Plant":
-        """Return a bench at design height under its load case: p = P/A_e + p_atm, actuators in force control.
+        """Return a bench at design height under its load case, with p = P/A_e + p_atm and actuators in force control.
 
-        The leveling valves are isolated; supply, orifice paths and differential pressure valve are open.
+        The leveling valves are isolated. Supply, orifices and differential pressure valve are open.
         """
         plant = cls(parameters, seed=seed, dt=dt)
         par = parameters
@@ -118,7 +120,7 @@ class Plant:
         pressure: NDArray[np.float64],
         supply: float,
     ) -> None:
-        """Place the bolster at the given spring heights (`settle_bench`), with settled sensors."""
+        """Set the state to rest at the given spring heights (`settle_bench`), with sensors in steady state."""
         par, x, mem = self.parameters, self.state, self.memory
         settle_bench(x, mem, par, bellows, height, pressure, supply)
         observe(x, mem, self.inputs, par, self._slope, self._algebraic, self._values)
@@ -134,7 +136,7 @@ class Plant:
         self._advance(self.state, self.memory_array, self.inputs, self.parameter_array, self.dt, n)
 
     def measure(self) -> NDArray[np.float64]:
-        """Return one reading of every sensor, in SI and in the order of `Sensor`; a fresh array each time."""
+        """Return one reading of every sensor as a new array, in SI units and in the order of `Sensor`."""
         readings = np.empty(SENSORS)
         self._measure(
             self.state, self.memory_array, self.inputs, self.parameter_array, self.counter, readings
@@ -150,7 +152,7 @@ class Plant:
         return self._values.copy()
 
     def truth(self) -> dict[str, float]:
-        """Return every algebraic quantity and ideal reading by name, like ``volume[0]`` or ``left_height``."""
+        """Return every algebraic variable and ideal reading by name, such as ``volume[0]`` or ``left_height``."""
         values = self.ideal()
         names = list(Algebraic)
         ends = [*(int(name) for name in names[1:]), ALGEBRAICS]
@@ -161,7 +163,9 @@ class Plant:
         return result | {sensor.name.lower(): float(values[sensor]) for sensor in Sensor}
 
     def valid(self) -> bool:
-        """Return whether the model is valid here: κ₀+κ₁ζ_b > 0, no vacuum beyond half an atmosphere."""
+        """Return whether the model is valid in this state: κ₀+κ₁ζ_b > 0, at least half an atmosphere in the bellows,
+        and finite states.
+        """
         self.ideal()
         par = self.parameters
         for side in range(SIDES):
@@ -177,7 +181,7 @@ class Plant:
         return Snapshot(self.state.copy(), self.inputs.copy(), self.memory_array.copy(), self.counter)
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Set the variables to those of a snapshot, also of another plant."""
+        """Set the variables to those of a snapshot, which may be of another plant."""
         self.state[:] = snapshot.state
         self.inputs[:] = snapshot.inputs
         self.memory_array[:] = snapshot.memory

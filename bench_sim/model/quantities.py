@@ -1,4 +1,4 @@
-"""Names, SI units and shapes of the plant's parameters, and the compiled records that hold them."""
+"""Names, SI units and shapes of the plant's parameters, and the types of the records for compiled code."""
 
 from dataclasses import dataclass
 from enum import Flag, auto
@@ -22,22 +22,22 @@ from bench_sim.model.layout import (
 
 
 class Lanes(Flag):
-    """The use of a quantity in the lanes, in which the diagnosis integrates many springs at once."""
+    """How the lanes use a parameter. In the lanes the diagnosis integrates many springs at the same time."""
 
-    #: Where it has not its default, or is not 0, the bench's own equations replay: right, and slower.
+    #: Lanes cannot handle this parameter unless it has its default, or 0. Then the slower scalar replay is used.
     UNKNOWN = 0
-    COLUMN = auto()  #: trajectories depend on it, and the column of a spring holds it
-    SURFACE = auto()  #: of a surface, which is next to the column
-    FEEDS = auto()  #: of the valve that fills and exhausts a spring, if there is one
-    JOINS = auto()  #: of the connection of both springs of a bench, if it opens or leaks
-    NOT_IN_LANES = auto()  #: an imposed motion leaves it out, or readings alone depend on it
+    COLUMN = auto()  #: trajectories depend on it; it is in the column of a spring
+    SURFACE = auto()  #: of a fitted surface; it is not in the column
+    FEEDS = auto()  #: of the valves that fill and exhaust a spring
+    JOINS = auto()  #: of the valve between both springs of a bench
+    NOT_IN_LANES = auto()  #: trajectories under an imposed motion do not depend on it
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """One parameter: ``shape`` () is a scalar, (2,) differs between left and right, (3,) between actuators.
+    """One parameter. Its ``shape`` is () for a scalar, (2,) for left and right, and (3,) for the actuators.
 
-    A quantity with a ``default`` may be missing in a parameter file; then ``low`` and ``high`` are its limits.
+    A quantity with a ``default`` may be missing in a parameter file. Then ``low`` and ``high`` are its limits.
     """
 
     name: str
@@ -64,7 +64,7 @@ def _off(
     shape: tuple[int, ...] = (),
     lanes: Lanes = Lanes.UNKNOWN,
 ) -> tuple[Quantity, ...]:
-    """Return quantities of effects, which are switched off by default and not in the parameter files."""
+    """Return parameters of effects. Their default switches the effect off, and parameter files do not contain them."""
     return tuple(Quantity(name, unit, shape, default, low, high, lanes) for name in names)
 
 
@@ -204,7 +204,7 @@ PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
     *_off("1", "pressure_clock_skew", low=0.0, high=0.01, lanes=Lanes.NOT_IN_LANES),
     *_off("1", "pressure_hold", low=0.0, high=1.0, lanes=Lanes.NOT_IN_LANES),
     *_off("s", "pressure_hold_period", low=1e-3, high=0.25, default=0.02, lanes=Lanes.NOT_IN_LANES),
-    # what rubber may do beyond the above: lists that end at the first element of nothing
+    # additional rubber effects: each list ends at its first element of 0
     *_off("1", "extra_branch_ratio", low=0.0, high=1e4, shape=(EXTRA_BRANCHES,), lanes=Lanes.COLUMN),
     *_off(
         "s", "extra_branch_time", default=1.0, low=1e-3, high=1e4, shape=(EXTRA_BRANCHES,), lanes=Lanes.COLUMN
@@ -231,7 +231,7 @@ PLANT_QUANTITIES: Final[tuple[Quantity, ...]] = (
     *_off("1", "orifice_asymmetry", low=-0.9, high=0.9, shape=_SIDE, lanes=Lanes.COLUMN),
     *_off("1/m", "flow_inertance", low=0.0, high=1e6, shape=_SIDE, lanes=Lanes.COLUMN),
     *_off("m3/(s*Pa)", "dpv_leak", low=0.0, high=1e-6, lanes=Lanes.JOINS),
-    # terms without a name, each over the span of its two coordinates; without a span there is none
+    # fitted surfaces, each over the range of its two coordinates; a surface without a range is off
     *_off("N", "force_surface", low=-1e6, high=1e6, shape=SURFACE, lanes=Lanes.NOT_IN_LANES),
     *_off("m", "force_surface_displacement", low=-1.0, high=1.0, shape=_SPAN, lanes=Lanes.NOT_IN_LANES),
     *_off("m/s", "force_surface_speed", low=-10.0, high=10.0, shape=_SPAN, lanes=Lanes.NOT_IN_LANES),
@@ -276,7 +276,7 @@ QUANTITIES: Final = PLANT_QUANTITIES + SENSOR_QUANTITIES
 
 
 def in_lanes(part: Lanes) -> tuple[str, ...]:
-    """Return the names of the quantities with this use in the lanes."""
+    """Return the names of the parameters that the lanes use in this way."""
     return tuple(one.name for one in QUANTITIES if part in one.lanes)
 
 

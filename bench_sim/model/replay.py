@@ -1,8 +1,9 @@
 """A replay: the springs follow the measured motion, and the model predicts the readings of their sensors.
 
-Bolster and platform have their measured positions, so their inertia, the actuators and the table are not simulated.
-Gas, rubber and sensors of each side are predicted from the motion alone, and an error on one side does not affect the
-other. The actuator forces follow from Newton's law for the bolster, whose acceleration is known from its motion.
+Bolster and platform have their measured positions, so their inertia, the actuators and the platform drive are not
+simulated. Gas, rubber and sensors of each side are predicted from the motion alone, and an error on one side does not
+affect the other. The actuator forces follow from Newton's law for the bolster, whose acceleration is known from its
+motion.
 """
 
 from math import ceil
@@ -41,15 +42,15 @@ DIRECTIONS: Final = 6
 #: Default of the longest step of a replay, s.
 STEP: Final = 2.5e-3
 
-#: Rounds of settling: relaxed rubber is softer than its tangent, so that each leaves some of the error.
+#: Iterations of `settle`. Relaxed rubber is softer than its tangent, so each iteration leaves a part of the error.
 _ROUNDS: Final = 30
 
 
 @compiled
 def hermite(part: float, rise: float, start: float, end: float) -> float:
-    """Return the rise of Hermite's cubic from the start of an interval to a ``part`` (0 … 1) of it.
+    """Return the increase of a Hermite cubic from the start of an interval to a ``part`` (0 to 1) of it.
 
-    ``rise`` is that over the interval, ``start`` and ``end`` are its slopes times the interval.
+    ``rise`` is the increase over the whole interval. ``start`` and ``end`` are the slopes there, times the interval.
     """
     rest = 1.0 - part
     return part * part * (3.0 - 2.0 * part) * rise + part * rest * (rest * start - part * end)
@@ -57,7 +58,9 @@ def hermite(part: float, rise: float, start: float, end: float) -> float:
 
 @compiled
 def place(n: int, part: float, motion: Any, x: Any) -> None:
-    """Place bolster and platform on Hermite's cubic, a ``part`` (0 … 1) of an interval after sample n."""
+    """Write the positions and speeds of bolster and platform to ``x``, at a ``part`` (0 to 1) of the interval after
+    sample n.
+    """
     q = motion.displacement
     if part == 0.0:  # at the sample itself, where most readings are made
         for k in range(DIRECTIONS):
@@ -81,10 +84,11 @@ def place(n: int, part: float, motion: Any, x: Any) -> None:
 
 @compiled_once
 def moved_springs(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
-    """The right-hand side of the springs alone (`bench_sim.model.runge_kutta`), between plates with a given motion.
+    """Compute the right-hand side of the springs alone (`bench_sim.model.runge_kutta`), between plates with a given
+    motion.
 
-    ``given`` is the sample, the part of the interval after it, and the motion. Forces on the bolster are summed in the
-    derivatives of its speeds.
+    ``given`` contains the index of the sample, the part of the interval after it, and the motion. Forces on the
+    bolster are summed in the derivatives of its speeds.
     """
     n, part, motion = given
     place(n, part + ahead / motion.interval, motion, x)
@@ -94,9 +98,10 @@ def moved_springs(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, 
 
 @compiled
 def between(n: int, part: float, motion: Any, k: int) -> float:
-    """Return an acceleration a ``part`` of an interval after sample n, on the cubic spline through the samples.
+    """Return an acceleration at a ``part`` of the interval after sample n, on the cubic spline through the samples.
 
-    Half-way between samples of 5 ms at 12.5 Hz its error is (ωh)⁴/384 = 0.006 %; linear interpolation has 2 %.
+    Half-way between samples of 5 ms at 12.5 Hz the error is (ωh)⁴/384 = 0.006 %. Linear interpolation has an error of
+    2 %.
     """
     before = motion.acceleration[n, k]
     if part == 0.0:
@@ -109,7 +114,7 @@ def between(n: int, part: float, motion: Any, k: int) -> float:
 
 @compiled
 def balance(n: int, part: float, motion: Any, x: Any, par: Any, dx: Any, out: Any) -> None:
-    """Compute the actuator forces on the bolster by Newton's law, from the forces of the springs summed in ``dx``.
+    """Compute the actuator forces on the bolster by Newton's law, from the spring forces that are summed in ``dx``.
 
     F_a = m ÿ − ΣF_y − F_bs;  F_l + F_r = ΣF_z − m (z̈ + g);  (F_l − F_r) b_a = ΣM − h_a F_a − J φ̈
     """
@@ -135,11 +140,11 @@ def balance(n: int, part: float, motion: Any, x: Any, par: Any, dx: Any, out: An
 
 @compiled_once
 def settle(x: Any, mem: Any, par: Any, gas: Any, before: Any, out: Any) -> None:
-    """Fill the chambers, with the bolster at rest at its present position.
+    """Fill the chambers and relax the rubber, with the bolster at rest at its present position.
 
-    The rubber is relaxed, except for the memory in ``before`` (`Before`). ζ_b = ζ + q + (F_z−P)/k_z and y_b = y +
-    F_y/k_y are solved by Newton's method at constant pressure, because the pressure is given and not the energy. This
-    also works if the plate sits on the emergency spring, which doubles the stiffness.
+    The rubber keeps only the deformation in ``before`` (`Before`). Newton's method solves two equations at constant
+    pressure: ζ_b = ζ + q + (F_z−P)/k_z and y_b = y + F_y/k_y. The pressure is constant because the pressure is given
+    and not the energy. This also works if the plate sits on the emergency spring, which doubles the stiffness.
     """
     pressure, temperature = gas.pressure, gas.temperature
     for i in range(SIDES):
@@ -190,10 +195,12 @@ def replay_samples(
     readings: Any,
     rows: Any,
 ) -> None:
-    """Settle at the first sample, integrate with ``steps`` steps per interval, and write readings at each sample.
+    """Start at rest at the first sample, integrate with ``steps`` steps per interval, and write the readings at each
+    sample.
 
-    Shapes, n samples: ``inputs`` (n, INPUTS), ``supply`` (n), ``readings`` (n, SENSORS), ``rows`` (n or 0, ALGEBRAICS).
-    ``parameters`` (m) apply from the samples ``since`` (m) on; the first one from sample 0.
+    Shapes for n samples: ``inputs`` (n, INPUTS), ``supply`` (n), ``readings`` (n, SENSORS), ``rows`` (n or 0,
+    ALGEBRAICS). Each of the ``parameters`` (m) applies from its sample in ``since`` (m) on. The first one applies from
+    sample 0.
     """
     mem = memory[0]
     par = parameters[0]
@@ -239,7 +246,9 @@ def replay_samples(
 
 
 class Motion(NamedTuple):
-    """Positions of bolster and platform every ``interval`` s, joined by cubics; passed directly to compiled code."""
+    """Positions of bolster and platform every ``interval`` s, connected by cubics. Compiled code can use
+    it directly.
+    """
 
     interval: float
     displacement: NDArray[np.float64]  #: (n, DIRECTIONS), m and rad
@@ -249,7 +258,9 @@ class Motion(NamedTuple):
 
     @classmethod
     def through(cls, displacement: NDArray[np.float64], interval: float) -> "Motion":
-        """Return the motion along the cubic spline through samples (n, DIRECTIONS): accelerations are continuous."""
+        """Return the motion along the cubic spline through samples (n, DIRECTIONS). Its accelerations are
+        continuous.
+        """
         if displacement.ndim != 2 or displacement.shape[1] != DIRECTIONS or len(displacement) < 4:
             raise ValueError(
                 f"a motion has shape {displacement.shape}; at least 4 samples of {DIRECTIONS} displacements are needed"
@@ -263,7 +274,7 @@ class Motion(NamedTuple):
         return cls(interval, *(np.ascontiguousarray(rows, dtype=np.float64) for rows in samples))
 
     def accelerated(self, direction: int, acceleration: NDArray[np.float64]) -> "Motion":
-        """Return the motion with a separately measured ``acceleration`` (n,) in one direction."""
+        """Return a copy with a separately measured ``acceleration`` (n,) in one direction."""
         if acceleration.shape != (len(self.displacement),) or not np.isfinite(acceleration).all():
             raise ValueError(
                 f"an acceleration has shape {acceleration.shape} and {np.isnan(acceleration).sum()} "
@@ -277,14 +288,14 @@ class Motion(NamedTuple):
 
 
 class Gas(NamedTuple):
-    """The gas at rest in both bellows (left, right), then in both auxiliary chambers."""
+    """The gas at rest in the bellows (left, right), then in the auxiliary chambers (left, right)."""
 
     pressure: NDArray[np.float64]  #: (4,), Pa absolute
     temperature: NDArray[np.float64]  #: (4,), K
 
 
 class Before(NamedTuple):
-    """State of the rubber from the motion before a replay begins."""
+    """The deformation that the rubber still has from the motion before a replay begins."""
 
     crept: NDArray[np.float64]  #: (SIDES,) m by which the emergency springs have crept together
     #: (EXTRA_BRANCHES, EXTRA_DASHPOTS) m by which the dash-pots of the extra branches are behind their bellows
@@ -297,7 +308,7 @@ class Before(NamedTuple):
 
 
 class ParameterChanges(NamedTuple):
-    """Changes of parameters during a replay, from some of its samples on."""
+    """Changes of parameters during a replay: each record applies from its sample on."""
 
     samples: NDArray[np.intp]  #: (m,), each later than the one before, the first one after sample 0
     records: Any  #: (m,) of ``PARAMETERS``
@@ -318,13 +329,13 @@ def replay(
 ) -> NDArray[np.float64]:
     """Return the readings of each sensor (n, SENSORS) for ``motion`` of the bench, without noise and quantisation.
 
-    ``parameters`` is a record (``bench_sim.parameters.Parameters.record``). ``inputs`` (n, INPUTS) holds the valves
-    over each interval, ``supply`` (n) the absolute pressure behind the main valve in Pa. The replay starts at rest with
-    relaxed rubber, except for the deformation that the rubber remembers from ``before``. It starts ``start`` s after
-    the bench was switched on; sensors drift from that moment. The steps are equal parts of an interval, at most
-    ``step`` s long. ``rows`` (n, ALGEBRAICS) is filled with the algebraic variables behind the readings. At ``changes``
-    masses, energies and dash-pots are kept, and new drifts start there. A reading with a delay after a change must have
-    a small delay from the start. Other threads run meanwhile.
+    ``parameters`` is a record (``bench_sim.parameters.Parameters.record``). ``inputs`` (n, INPUTS) are the valves
+    during each interval, ``supply`` (n) is the absolute pressure behind the main valve in Pa. The replay starts at
+    rest with relaxed rubber, except for the deformation in ``before``. It starts ``start`` s after the bench was
+    switched on; sensors drift from that moment. The steps are equal parts of an interval, at most ``step`` s long.
+    ``rows`` (n, ALGEBRAICS) is filled with the algebraic variables behind the readings. At ``changes`` masses,
+    energies and dash-pots keep their values, and changed drifts start there. If readings get a delay by a change, they
+    must have a small delay from the start. Other Python threads can run meanwhile.
     """
     if not 0.0 < step <= STEP:
         raise ValueError(
@@ -362,7 +373,7 @@ def replay(
 
 
 def _drift_from(times: NDArray[np.float64], records: Any) -> None:
-    """Let drifts and a slow clock in ``records`` (m,) start at ``times`` (m,) s."""
+    """Change the offsets in ``records`` (m,) so that drifts and a slow clock start at ``times`` (m,) s."""
     for rate, start in DRIFTS:
         more = np.diff(records[rate], axis=0, prepend=records[rate][:1])
         records[start] -= np.cumsum((times * more.T).T, axis=0)

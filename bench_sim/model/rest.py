@@ -1,4 +1,4 @@
-"""A spring at rest: gas at one temperature, relaxed rubber, friction without force, sensors without lag."""
+"""A spring at rest: gas at one temperature, relaxed rubber, no friction force, and sensors in steady state."""
 
 from typing import Any
 
@@ -25,7 +25,9 @@ def settled_temperature(par: Any) -> float:
 
 @compiled
 def fill_chamber(x: Any, par: Any, place: int, pressure: float, volume: float, temperature: float) -> None:
-    """Put gas into the chamber whose mass is at ``place`` (BELLOWS_MASS or AUXILIARY_MASS + side)."""
+    """Write mass and energy of a chamber at this pressure (Pa), volume (m³) and temperature (K). ``place`` is the
+    index of its mass (BELLOWS_MASS or AUXILIARY_MASS + side).
+    """
     x[place] = mass_of(pressure, volume, temperature, par.gas_constant)
     x[place + 2] = energy_of(pressure, volume, par.heat_capacity_ratio)
 
@@ -56,7 +58,7 @@ def relax_rubber(x: Any, mem: Any, side: int, z: float, y: float) -> None:
 
 @compiled
 def hold_back(x: Any, side: int, behind: Any) -> None:
-    """Set the extra dash-pots of one relaxed bellows to lag by ``behind``, (EXTRA_BRANCHES, EXTRA_DASHPOTS) m."""
+    """Subtract ``behind`` (EXTRA_BRANCHES, EXTRA_DASHPOTS) in m from the extra dash-pots of one relaxed bellows."""
     for j in range(EXTRA_BRANCHES):
         x[State.EXTRA_VERTICAL_DASHPOT + EXTRA_DASHPOTS * j + side] -= behind[j, side]
         x[State.EXTRA_LATERAL_DASHPOT + EXTRA_DASHPOTS * j + side] -= behind[j, SIDES + side]

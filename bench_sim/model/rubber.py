@@ -13,10 +13,10 @@ from bench_sim.model.layout import BRANCHES, EXTRA_BRANCHES, EXTRA_DASHPOTS, EXT
 
 @compiled
 def friction_curve(x: float, origin: float, level: float, travel: float) -> tuple[float, float]:
-    """Return the normalised friction force F/F_max and its slope, Berg (1998).
+    """Return the normalised friction force F/F_max and its slope in 1/m, by Berg (1998).
 
-    It starts from the last reversal at x_s = ``origin`` with α = ``level`` = F_s/F_max; x₂ = ``travel``. For x > x_s, f
-    = α + (x−x_s)/(x₂(1−α) + x−x_s) · (1−α); for x < x_s the same with reversed signs.
+    The curve starts at the last reversal x_s = ``origin`` with α = ``level`` = F_s/F_max; x₂ is ``travel``. For x >
+    x_s it is α + (x−x_s)/(x₂(1−α) + x−x_s) · (1−α). For x < x_s the signs are reversed.
     """
     s = x - origin
     sense = 1.0 if s >= 0.0 else -1.0
@@ -28,31 +28,33 @@ def friction_curve(x: float, origin: float, level: float, travel: float) -> tupl
 
 @compiled
 def friction_limit(constant: float, slope: float, gauge: float) -> float:
-    """F_max = F_0 + F_1 p_g in N; a vacuum adds nothing."""
+    """Return F_max = F_0 + F_1 p_g in N. A negative gauge pressure counts as 0."""
     return constant + slope * max(gauge, 0.0)
 
 
 @compiled
 def relaxing(stiffness: float, ratios: float, held: float, displacement: float) -> float:
-    """Σ k_j (x − w_j) in N, k_j = r_j k: ``ratios`` is Σ r_j, ``held`` Σ r_j w_j in m."""
+    """Return the force Σ k_j (x − w_j) in N, with k_j = r_j k. ``ratios`` is Σ r_j, ``held`` is Σ r_j w_j in m."""
     return stiffness * (ratios * displacement - held)
 
 
 @compiled
 def dashpot_speed(displacement: float, dashpot: float, per_time: float) -> float:
-    """dw/dt = (x − w)/τ in m/s; ``per_time`` is 1/τ."""
+    """Return dw/dt = (x − w)/τ in m/s. ``per_time`` is 1/τ."""
     return (displacement - dashpot) * per_time
 
 
 @compiled
 def creep_speed(force: float, creep: float, gain: float, per_time: float) -> float:
-    """dq/dt = (r F_z/k_es − q)/τ in m/s; ``gain`` is r/k_es."""
+    """Return dq/dt = (r F_z/k_es − q)/τ in m/s. ``gain`` is r/k_es, ``per_time`` is 1/τ."""
     return per_time * (gain * force - creep)
 
 
 @compiled
 def maxwell_pull(x: Any, par: Any, first: int, stiffness: float, displacement: float) -> tuple[float, float]:
-    """Force of all branches in N and their common stiffness in N/m; ``first`` is the place of the first dash-pot."""
+    """Return the force of all Maxwell branches in N and their total stiffness in N/m. ``first`` is the index of the
+    first dash-pot.
+    """
     ratios = 0.0
     held = 0.0
     for j in range(BRANCHES):
@@ -65,9 +67,10 @@ def maxwell_pull(x: Any, par: Any, first: int, stiffness: float, displacement: f
 def extra_pull(
     x: Any, mem: Any, par: Any, direction: int, side: int, stiffness: float, displacement: float
 ) -> tuple[float, float]:
-    """Force in N and tangent stiffness in N/m of the extra branches and friction elements of one bellows.
+    """Return force in N and tangent stiffness in N/m of the extra branches and friction elements of one bellows.
 
-    ``direction`` is 0 vertical, 1 lateral. All elements reverse together with the spring's own friction.
+    ``direction`` is 0 for vertical, 1 for lateral. All friction elements reverse together with the friction of the
+    spring.
     """
     ratios = 0.0
     held = 0.0
@@ -95,7 +98,9 @@ def extra_pull(
 
 @compiled
 def maxwell_term(x: Any, par: Any, out: Any, dx: Any) -> None:
-    """Add dw_j/dt = (x_b − w_j)/τ_j for every branch, spring and direction, and its effect on the forces."""
+    """Add dw_j/dt = (x_b − w_j)/τ_j for every branch, spring and direction. Write the resulting rates of the forces
+    (N/s).
+    """
     for i in range(2):
         vertical_rate = 0.0
         lateral_rate = 0.0
@@ -128,7 +133,7 @@ def maxwell_term(x: Any, par: Any, out: Any, dx: Any) -> None:
 
 @compiled
 def creep_term(x: Any, par: Any, out: Any, dx: Any) -> None:
-    """Add the creep q of the emergency spring under its force (`creep_speed`)."""
+    """Add the creep rate of the emergency spring (`creep_speed`) to the derivatives."""
     for i in range(2):
         if par.creep_ratio[i] != 0.0:
             gain = par.creep_ratio[i] / par.emergency_stiffness_vertical[i]
@@ -140,9 +145,9 @@ def creep_term(x: Any, par: Any, out: Any, dx: Any) -> None:
 def reversal(
     position: float, last: float, speed: float, last_speed: float, dt: float, direction: float
 ) -> tuple[float, bool]:
-    """Return the position of a reversal of friction between two samples, and whether there was one.
+    """Return the position of a friction reversal between two samples, and whether there was one.
 
-    The turning point is the vertex of the parabola through the last position with both speeds.
+    The position is the vertex of the parabola through the last position with both speeds.
     """
     if (position - last) * direction >= 0.0:
         return last, False
@@ -163,14 +168,15 @@ def turn_friction(
     travel: float,
     dt: float,
 ) -> bool:
-    """Store a reversal of one spring in one ``direction`` (0 vertical, 1 lateral); return True if the curve changed.
+    """Store a friction reversal of one spring in one ``direction`` (0 vertical, 1 lateral). Return whether the curve
+    changed.
 
-    The stored level is F/F_max, not F, because the limit changes with pressure, and a stored force could exceed it.
-
-    In Berg's law every reversal begins a new curve and deletes the old one. A vibration of a nanometre would then
-    change the later force by a tenth of the friction. In real rubber the previous curve continues after a small loop
-    (Madelung 1905). A loop is small if its travel is less than the share ``friction_small_loop`` of x₂. At a share of
-    1/25 the force then jumps by 1/580 of its limit from half of it. At a share of 0 every reversal begins a new curve.
+    The stored level is F/F_max. A stored force could later exceed its limit, which changes with pressure. In Berg's
+    law every reversal begins a new curve and deletes the old one. A vibration of a nanometre would then change the
+    later force by a tenth of the friction. In real rubber the previous curve continues after a small loop (Madelung
+    1905). A loop is small if its travel is less than the share ``friction_small_loop`` of x₂. With a share of 1/25 and
+    a force of half the limit, the return to the previous curve changes the force by 1/580 of its limit. With a share
+    of 0 every reversal begins a new curve.
     """
     last = mem.friction_last[direction, side]
     if abs(position - last) < 1e-12:  # a rounding error is not a motion

@@ -4,9 +4,9 @@ A system is a compiled right-hand side
 
     slope(ahead, x, mem, u, par, given, dx, out)
 
-that writes dx/dt into ``dx`` and everything algebraic into ``out`` (`Algebraic`), ``ahead`` s after the instant
+It writes dx/dt to ``dx`` and the algebraic variables to ``out`` (`Algebraic`), ``ahead`` s after the instant
 ``mem.time``. It never writes ``mem``. ``given`` is a tuple of further inputs of the system, such as a motion or the
-wind. The function first writes imposed states, which are not integrated, into ``x``. numba compiles each caller with
+wind. Prescribed states are not integrated; the function first writes them to ``x``. numba compiles each caller with
 its own right-hand side, so the argument costs no time.
 """
 
@@ -23,9 +23,9 @@ _WITH_PIPE: Final = int(State.EXTRA_VERTICAL_DASHPOT)
 
 @compiled
 def integrated_states(par: Any) -> int:
-    """Return the number of states, from the first one on, that are integrated with these parameters.
+    """Return how many states are integrated with these parameters, from the first one on.
 
-    The states after them belong to parts that are not fitted; no term may read or write them.
+    The other states belong to parts that are not in use. No term may read or write them.
     """
     branches = 0
     while branches < EXTRA_BRANCHES and par.extra_branch_ratio[branches] != 0.0:
@@ -39,7 +39,7 @@ def integrated_states(par: Any) -> int:
 
 @compiled
 def step_scheme(par: Any, dt: float) -> tuple[int, int]:
-    """Return the number of equal pieces of a step of ``dt`` s, and the number of integrated states."""
+    """Return the number of equal parts of a step of ``dt`` s, and the number of integrated states."""
     return pipe_steps(par, dt), integrated_states(par)
 
 
@@ -49,7 +49,7 @@ def runge_kutta(
 ) -> None:
     """Take one step of ``h`` s in place from the slope in ``work[0]``, and advance the time.
 
-    ``work`` (5, STATES) holds the four slopes and the state for the next one.
+    ``work`` (5, STATES) is working memory for the four slopes and the state of a stage.
     """
     for stage in range(1, 4):
         ahead = h if stage == 3 else 0.5 * h
@@ -75,7 +75,9 @@ def integrate(
     work: Any,
     out: Any,
 ) -> None:
-    """Take a step of ``dt`` s from the slope in ``work[0]``, in the pieces of its ``scheme`` (`step_scheme`)."""
+    """Take a step of ``dt`` s in place from the slope in ``work[0]``. ``scheme`` (`step_scheme`) divides it into
+    equal parts.
+    """
     pieces, states = scheme
     for piece in range(pieces):
         if piece > 0:

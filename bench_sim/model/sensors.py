@@ -1,10 +1,11 @@
-"""The measuring chain: s_m = (1+g) D H s + b + d t + Σ c_jk D H s_k + noise, quantised and limited to its range.
+"""The measuring chain: s_m = (1+g) D H s + b + d t + Σ c_jk D H s_k + noise, quantised and limited to the sensor's
+range.
 
 The lag H = 1/(1+τs) is discretised for an input that is a cubic through the last four samples. So a τ far below the
 step acts as a delay τ, linear in τ down to zero. The delay D of a group of sensors uses the same cubics, through the
-outputs of the last `HISTORY` steps. It is limited to their span (0.25 s at 1 ms). Linear interpolation would damp an
-oscillation by ω²h²/12 and ω²h²/8 at a step h, and parabolas would shift its phase in proportion to (ωh)³. A lag and a
-delay of τ differ by ω²τ²/2, which is of the same size for τ of one millisecond.
+outputs of the last `HISTORY` steps. It is limited to their duration (0.25 s at 1 ms). Linear interpolation would damp
+an oscillation by ω²h²/12 (lag) and ω²h²/8 (delay) at a step h, and parabolas would shift its phase in proportion to
+(ωh)³. A lag and a delay of τ differ by ω²τ²/2, which is of the same size for τ of one millisecond.
 """
 
 from math import exp, floor
@@ -16,7 +17,7 @@ from bench_sim.model.compiled import compiled, compiled_once
 from bench_sim.model.layout import ACTUATORS, HISTORY, SENSORS, TINY, Sensor, State
 from bench_sim.model.noise import normal
 
-#: Which of the vertical cells carry more and which less where the platform is twisted.
+#: Sign of the additional force of each vertical cell under a twisted platform.
 DIAGONAL = (1.0, -1.0, -1.0, 1.0)
 #: Errors of a sensor that grow with time: the name of the rate, and the name of the error at time 0.
 DRIFTS: Final = (("sensor_drift", "sensor_bias"), ("pressure_clock_skew", "pressure_latency"))
@@ -24,17 +25,18 @@ DRIFTS: Final = (("sensor_drift", "sensor_bias"), ("pressure_clock_skew", "press
 
 @compiled
 def load_cell_term(par: Any, out: Any, values: Any) -> None:
-    """Compute the reactions of the six load cells under the platform, from forces and moments of springs and actuators.
+    """Write the readings of the six load cells under the platform, from the forces and moments of springs and
+    actuators.
 
-    F_z = ΣF_k (four vertical, compression positive), F_y = F_5 + F_6 (the force of springs and bump stop on the
-    bolster), M_x = Σ y_k F_k − z_c F_y about the middle of the platform, where the moment of the springs is Σ (M_i +
+    F_z = ΣF_k (four vertical cells, compression positive). F_y = F_5 + F_6 (the force of springs and bump stop on the
+    bolster). M_x = Σ y_k F_k − z_c F_y about the middle of the platform, where the moment of the springs is Σ (M_i +
     s_i b F_z,i − h F_y,i). With a seat x_i in front of the middle, and actuators x_l in front of it, Σ x_k F_k = Σ x_i
-    F_z,i + x_l ΣF_a in the vertical and Σ x_i F_y,i in the lateral cells. The weight of the platform is tared; the
-    cells measure its inertia m z̈_P and m ÿ_P (``platen_mass``, 0 in a rig that compensates it).
+    F_z,i + x_l ΣF_a in the vertical cells, and Σ x_i F_y,i in the lateral cells. The weight of the platform is tared.
+    The cells measure its inertia m z̈_P and m ÿ_P (``platen_mass``, 0 in a rig that compensates it).
 
     The balance of forces does not determine the twist a (1, −1, −1, 1) of four supports. It follows from the least
-    energy of a rigid platform on supports with (1 + δ_k) times the common compliance. The supports are not in one
-    plane; if they were equally stiff, this error would cause the twist w: a = (4w − Σ ±_k δ_k F_k) / (4 + Σδ_k).
+    energy of a rigid platform on supports with (1 + δ_k) times the common compliance: a = (4w − Σ ±_k δ_k F_k) / (4 +
+    Σδ_k). Here w is the twist of equally stiff supports that are not in one plane.
     """
     left = out[Algebraic.VERTICAL_FORCE]
     right = out[Algebraic.VERTICAL_FORCE + 1]
@@ -103,7 +105,7 @@ def prepare_lags(mem: Any, par: Any, dt: float) -> None:
     """Compute e = e^{−dt/τ}, g = θ(1 − e), b = θ(g − e) − g/2 and c = θ(3g − 6b − e − 2)/6 of all sensors, with θ =
     τ/dt.
 
-    They are computed again only if τ or dt has changed.
+    A sensor is computed again only if τ or dt has changed.
     """
     fresh = mem.lag_step != dt
     mem.lag_step = dt
@@ -122,15 +124,18 @@ def prepare_lags(mem: Any, par: Any, dt: float) -> None:
 
 @compiled
 def curves(mem: Any) -> tuple[float, float]:
-    """Return weights of the second and third differences: 1.0, but 0.0 in the first steps, without earlier values."""
+    """Return the weights (0 or 1) of the second and third differences. In the first steps they are 0, because there
+    are no earlier values.
+    """
     return (1.0 if mem.step > 1 else 0.0), (1.0 if mem.step > 2 else 0.0)
 
 
 @compiled
 def lagged(mem: Any, k: int, value: float, bends: float, twists: float) -> float:
-    """y_n = e y_{n−1} + (1 − g) s_n + (g − e) s_{n−1} + ``bends`` b Δ²s_n + ``twists`` c Δ³s_n, by `prepare_lags`.
+    """Return y_n = e y_{n−1} + (1 − g) s_n + (g − e) s_{n−1} + ``bends`` b Δ²s_n + ``twists`` c Δ³s_n.
 
-    ``bends`` and ``twists`` are the weights (0 or 1) from `curves`, computed once for all sensors.
+    The coefficients are those of `prepare_lags`. ``bends`` and ``twists`` are the weights of `curves`, which are
+    computed once for all sensors.
     """
     decay = mem.lag_decay[k]
     ramp = mem.lag_ramp[k]
@@ -161,7 +166,7 @@ def arrives_late(par: Any) -> bool:
 
 @compiled
 def lateness(mem: Any, par: Any, sensor: int) -> float:
-    """Return the age in s of a reading of one sensor. Pressures can be held, and can have a separate slow clock."""
+    """Return the age in s of a reading of one sensor. Pressures can be held, and can have a slow clock of their own."""
     if Sensor.LEFT_BELLOWS_PRESSURE <= sensor <= Sensor.SUPPLY_PRESSURE:
         age = 0.0
         if par.pressure_hold > 0.0:
@@ -181,7 +186,7 @@ def lateness(mem: Any, par: Any, sensor: int) -> float:
 
 @compiled
 def delayed(mem: Any, sensor: int, value: float, delay: float) -> float:
-    """Return the output of a sensor ``delay`` s ago, by cubic interpolation between steps; ``value`` is the present
+    """Return the output of a sensor ``delay`` s ago, by cubic interpolation between steps. ``value`` is the present
     output.
     """
     back = min(delay / mem.lag_step, HISTORY - 3.0)
@@ -203,14 +208,14 @@ def delayed(mem: Any, sensor: int, value: float, delay: float) -> float:
 
 @compiled
 def follow(mem: Any, par: Any, values: Any, dt: float) -> None:
-    """Advance the lag of every sensor to the present true values."""
+    """Advance the lag of every sensor by a step of ``dt`` s, with the present true values as input."""
     prepare_lags(mem, par, dt)
     move_lags(mem, par, values)
 
 
 @compiled
 def move_lags(mem: Any, par: Any, values: Any) -> None:
-    """Advance the lags like `follow`, after `prepare_lags` for the same step and parameters."""
+    """Advance the lags like `follow`. `prepare_lags` must have been called for this step and these parameters."""
     bends, twists = curves(mem)
     for k in range(SENSORS):
         output = lagged(mem, k, values[k], bends, twists)
@@ -226,7 +231,7 @@ def move_lags(mem: Any, par: Any, values: Any) -> None:
 
 @compiled
 def deliver(mem: Any, par: Any, values: Any) -> None:
-    """Apply the sensors' lags and delays to the true values of one sampling instant, in place."""
+    """Replace the true values of one instant by the values after the sensors' lags and delays."""
     bends, twists = curves(mem)
     for k in range(SENSORS):
         values[k] = lagged(mem, k, values[k], bends, twists)
@@ -237,14 +242,16 @@ def deliver(mem: Any, par: Any, values: Any) -> None:
 
 @compiled
 def read_exactly(mem: Any, par: Any, values: Any, readings: Any) -> None:
-    """Write readings like `read_sensors`, without noise and quantisation."""
+    """Write readings like `read_sensors`, but without noise and quantisation. ``values`` are changed."""
     deliver(mem, par, values)
     express(mem, par, values, readings)
 
 
 @compiled
 def express(mem: Any, par: Any, values: Any, readings: Any) -> None:
-    """Write the readings, without noise and quantisation, for the delivered values."""
+    """Write the readings from values with lag and delay. Gain, offset, drift, crosstalk and range are applied; noise
+    and quantisation are not.
+    """
     for k in range(SENSORS):
         readings[k] = (
             (1.0 + par.sensor_gain[k]) * values[k] + par.sensor_bias[k] + par.sensor_drift[k] * mem.time
@@ -260,7 +267,7 @@ def express(mem: Any, par: Any, values: Any, readings: Any) -> None:
 
 @compiled
 def one_reading(mem: Any, par: Any, values: Any, counter: int, k: int) -> float:
-    """Return the reading of sensor ``k`` for the delivered ``values``; ``counter`` determines the noise."""
+    """Return the reading of sensor ``k`` from ``values`` with lag and delay. ``counter`` determines the noise."""
     s = (1.0 + par.sensor_gain[k]) * values[k] + par.sensor_bias[k] + par.sensor_drift[k] * mem.time
     if Sensor.LOAD_CELL_1 <= k <= Sensor.LOAD_CELL_6:
         for other in range(6):
@@ -275,7 +282,7 @@ def one_reading(mem: Any, par: Any, values: Any, counter: int, k: int) -> float:
 
 @compiled_once
 def read_sensors(mem: Any, par: Any, values: Any, counter: int, readings: Any) -> None:
-    """Write the readings of one instant from its true values; ``counter`` determines the noise."""
+    """Write the readings of one instant from its true values, which are changed. ``counter`` determines the noise."""
     deliver(mem, par, values)
     for k in range(SENSORS):
         readings[k] = one_reading(mem, par, values, counter, k)
@@ -285,12 +292,12 @@ def read_sensors(mem: Any, par: Any, values: Any, counter: int, readings: Any) -
 def read_cells(mem: Any, par: Any, counter: int, values: Any, readings: Any) -> None:
     """Write the readings of the six load cells of the last step, without a new evaluation of the plant.
 
-    ``values`` (SENSORS) is working memory; of ``readings`` (SENSORS) only those of the load cells are written.
+    ``values`` (SENSORS) is working memory. In ``readings`` (SENSORS) only those of the load cells are written.
     """
     late = arrives_late(par)
     for k in range(Sensor.LOAD_CELL_1, Sensor.LOAD_CELL_6 + 1):
         values[k] = mem.sensor_output[k]
-        if late:  # the last that was kept is of the step before
+        if late:  # the latest stored output is that of the previous step
             values[k] = delayed(mem, k, values[k], lateness(mem, par, k) + mem.lag_step)
     for k in range(Sensor.LOAD_CELL_1, Sensor.LOAD_CELL_6 + 1):
         readings[k] = one_reading(mem, par, values, counter, k)

@@ -1,20 +1,22 @@
-"""The air spring: one volume function, rubber in parallel with it, the emergency spring in series.
+"""The air spring: gas in a volume that depends on height and lateral displacement, rubber in parallel, emergency
+spring in series.
 
     V(ζ,y) = V₀ + A₀ζ + ½A₁ζ² − ½(κ₀+κ₁ζ) Y(y),   Y = y²/(1+(y/y_s)²)
     F_z = p_g ∂V/∂ζ − rubber,   F_y = p_g ∂V/∂y − rubber
 
-Therefore the membrane does no work, and ∂F_z/∂y = ∂F_y/∂ζ at constant pressure. The emergency spring, a linear stack
-without mass, carries the same force: ζ = ζ_b − (F_z−P)/k_z, y = y_b − F_y/k_y. It is undeformed at the preload P of the
-load case. Newton's method solves this for the bellows' share (ζ_b, y_b); its time derivative gives the speed. A bellows
-that stretches, V + C_V (p − p_ref), does no work either, and its force is the same function of the pressure; p_ref is
-that of the load case. An effective area that grows with the gauge pressure, A_e + A_p (p_g − p_A), also stretches the
-wall. Force and volume follow from one potential Φ(ζ,y,p), F = ∂Φ/∂ζ and V = ∂Φ/∂p:
+Forces and volume follow from one function. Therefore the membrane does no work, and ∂F_z/∂y = ∂F_y/∂ζ at constant
+pressure. The emergency spring is a linear stack without mass and carries the same force: ζ = ζ_b − (F_z−P)/k_z, y =
+y_b − F_y/k_y. It is undeformed at the preload P of the load case. Newton's method solves this for the displacement of
+the bellows (ζ_b, y_b), and the time derivative gives the speed. A bellows that stretches, V + C_V (p − p_ref), does no
+work either, and its force is the same function of the pressure. p_ref is the pressure of the load case. An effective
+area that grows with the gauge pressure, A_e + A_p (p_g − p_A), also stretches the wall. Force and volume follow from
+one potential Φ(ζ,y,p), F = ∂Φ/∂ζ and V = ∂Φ/∂p:
 
     Φ = … + A_p (p_g (p_g − p_A) ζ + (p_g − p_A)² h),   h = V₀/A₀
 
-so that V grows by A_p ((2p_g − p_A) ζ + 2 (p_g − p_A) h): the bellows widens over its whole height. The cords store A_p
-(p_g² (ζ + h) − p_A² h). Below ``contact_height`` the top plate also sits on the emergency spring. Valid for −87 mm <
-ζ_b (κ₀+κ₁ζ > 0).
+So V grows by A_p ((2p_g − p_A) ζ + 2 (p_g − p_A) h), because the bellows widens over its whole height. The cords store
+the energy A_p (p_g² (ζ + h) − p_A² h). Below ``contact_height`` the top plate also sits on the emergency spring. The
+model is valid for −87 mm < ζ_b (κ₀+κ₁ζ > 0).
 """
 
 from math import tanh
@@ -42,20 +44,20 @@ from bench_sim.model.layout import BRANCHES, State
 from bench_sim.model.rubber import extra_pull, friction_curve, maxwell_pull
 from bench_sim.model.surface import force_surface, lateral_surface, moment_surface
 
-#: Below this step (m) all quantities are extrapolated by their tangents; the error is of second order, 1e-6 N.
+#: Newton's method ends below this step (m). The rest is corrected linearly, with an error of second order, 1e-6 N.
 _CLOSE = 3e-7
 
 
 @compiled
 def volume(par: Any, side: int, zeta: float, y: float) -> float:
-    """Bellows volume V(ζ, y) in m³ without the increase by pressure (`stretch`)."""
+    """Return the bellows volume V(ζ, y) in m³, without the increase by pressure (`stretch`)."""
     V, _, _, _, _, _ = shape(par, side, zeta, y)
     return V
 
 
 @compiled
 def shape(par: Any, side: int, zeta: float, y: float) -> tuple[float, float, float, float, float, float]:
-    """V, ∂V/∂ζ, ∂V/∂y, κ₀+κ₁ζ (`envelope`), and Y′ and Y″ (`lateral_shape`)."""
+    """Return V, ∂V/∂ζ, ∂V/∂y and κ₀+κ₁ζ (`envelope`), then Y′ and Y″ (`lateral_shape`)."""
     Y, Y1, Y2 = lateral_shape(y, 1.0 / par.membrane_travel[side])
     V, A, B, length = envelope(
         zeta,
@@ -72,20 +74,22 @@ def shape(par: Any, side: int, zeta: float, y: float) -> tuple[float, float, flo
 
 @compiled
 def unpressed_area(par: Any, side: int) -> float:
-    """A₀ − A_p p_A in m²: the effective area at design height without pressure."""
+    """Return A₀ − A_p p_A in m²: the effective area at design height and zero gauge pressure."""
     return par.effective_area[side] - par.effective_area_growth[side] * par.area_reference_pressure
 
 
 @compiled
 def compliance(par: Any, side: int, zeta: float) -> float:
-    """C = ∂V/∂p = C_V + 2 A_p (ζ + h) in m³/Pa."""
+    """Return C = ∂V/∂p = C_V + 2 A_p (ζ + h) in m³/Pa."""
     height = par.bellows_volume[side] / par.effective_area[side]
     return par.bellows_compliance[side] + 2.0 * par.effective_area_growth[side] * (zeta + height)
 
 
 @compiled
 def stretch(par: Any, side: int, zeta: float, p: float) -> float:
-    """The increase of `volume` by this absolute pressure, in m³: C_V (p − p_ref) + 2 A_p (p_g ζ + (p_g − p_A) h)."""
+    """Return the increase of `volume` by the absolute pressure ``p`` in m³: C_V (p − p_ref) + 2 A_p (p_g ζ + (p_g −
+    p_A) h).
+    """
     reference = par.nominal_preload[side] / par.effective_area[side] + par.atmospheric_pressure
     height = par.bellows_volume[side] / par.effective_area[side]
     gauge = p - par.atmospheric_pressure
@@ -95,13 +99,15 @@ def stretch(par: Any, side: int, zeta: float, p: float) -> float:
 
 @compiled
 def stretched_pressure(par: Any, side: int, zeta: float, content: float, V: float) -> float:
-    """p in Pa that solves p (V + `stretch`) = ``content`` (J), V being the volume without it."""
+    """Return the pressure p in Pa that solves p (V + `stretch`) = ``content`` (J). V is the volume without
+    `stretch`.
+    """
     return pressure_that_stretches(content, V + stretch(par, side, zeta, 0.0), compliance(par, side, zeta))
 
 
 @compiled
 def resting_gauge(par: Any, side: int) -> float:
-    """p_g in Pa that carries the preload of the load case at design height."""
+    """Return the gauge pressure p_g in Pa that carries the preload of the load case at design height."""
     return pressure_that_carries(
         par.nominal_preload[side], unpressed_area(par, side), par.effective_area_growth[side]
     )
@@ -111,7 +117,9 @@ def resting_gauge(par: Any, side: int) -> float:
 def shell_pull(
     x: Any, mem: Any, par: Any, side: int, k_z: float, k_y: float, zeta: float, y: float
 ) -> tuple[float, float, float, float]:
-    """Force and stiffness of all relaxing elements in the shell of one bellows, vertical and lateral."""
+    """Return vertical force and stiffness of all relaxing elements in the shell of one bellows (N, N/m), then the
+    lateral ones.
+    """
     branch_z, stiff_z = maxwell_pull(x, par, State.VERTICAL_DASHPOT + side * BRANCHES, k_z, zeta)
     branch_y, stiff_y = maxwell_pull(x, par, State.LATERAL_DASHPOT + side * BRANCHES, k_y, y)
     if par.extra_branch_ratio[0] != 0.0 or par.extra_friction[0] != 0.0:
@@ -126,7 +134,7 @@ def shell_pull(
 
 @compiled
 def load_bellows(x: Any, mem: Any, par: Any, side: int, zeta: float, y: float, out: Any) -> None:
-    """Pressure, force and tangent stiffness of one bellows at its own displacement (ζ_b, y_b), into ``out``."""
+    """Write pressure, forces and tangent stiffness of one bellows at its displacement (ζ_b, y_b) to ``out``."""
     V, A, B, length, Y1, Y2 = shape(par, side, zeta, y)
     p = pressure(x[State.BELLOWS_ENERGY + side], V, par.heat_capacity_ratio)
     growth = par.effective_area_growth[side]
@@ -189,7 +197,7 @@ def load_bellows(x: Any, mem: Any, par: Any, side: int, zeta: float, y: float, o
 
 @compiled
 def tangent_of(side: int, out: Any) -> tuple[float, float, float, float, float, float, float]:
-    """∂V/∂ζ, ∂V/∂y, ∂F_z/∂p, ∂F_y/∂p, ∂F_z/∂ζ, ∂F_z/∂y, ∂F_y/∂y of one bellows, in the order of the laws' arguments."""
+    """Return ∂V/∂ζ, ∂V/∂y, ∂F_z/∂p, ∂F_y/∂p, ∂F_z/∂ζ, ∂F_z/∂y and ∂F_y/∂y of one bellows."""
     return (
         out[Algebraic.AREA + side],
         out[Algebraic.LATERAL_AREA + side],
@@ -203,7 +211,7 @@ def tangent_of(side: int, out: Any) -> tuple[float, float, float, float, float, 
 
 @compiled
 def energy_kept(par: Any, side: int, zeta: float, out: Any) -> float:
-    """−dp/dV in Pa/m³ of one bellows at constant internal energy."""
+    """Return −dp/dV in Pa/m³ of one bellows at constant internal energy."""
     return pressure_per_volume(
         out[Algebraic.PRESSURE + side], out[Algebraic.VOLUME + side], compliance(par, side, zeta)
     )
@@ -213,7 +221,9 @@ def energy_kept(par: Any, side: int, zeta: float, out: Any) -> float:
 def share_with_emergency_spring(
     x: Any, mem: Any, par: Any, side: int, zeta: float, y: float, guess_z: float, guess_y: float, out: Any
 ) -> None:
-    """Solve ζ_b − (F_z−P)/k_z = ζ and y_b − F_y/k_y = y for the bellows' share, and write its loads to ``out``."""
+    """Solve ζ_b − (F_z−P)/k_z = ζ and y_b − F_y/k_y = y for the bellows displacement (ζ_b, y_b). Write it and the
+    loads to ``out``.
+    """
     if par.emergency_spring == 0.0:
         z_b = zeta
         y_b = y
@@ -244,7 +254,7 @@ def share_with_emergency_spring(
 
 @compiled
 def carry_over(par: Any, side: int, zeta: float, step_z: float, step_y: float, out: Any) -> None:
-    """Move the loads of one bellows by a last small step from ``zeta`` along their tangents."""
+    """Correct the loads of one bellows linearly for a last small step from ``zeta``."""
     A, B, per_z, per_y, K_zz, K_zy, K_yy = tangent_of(side, out)
     p_V = energy_kept(par, side, zeta, out)
     F_z, F_y, V, p = tangents(step_z, step_y, A, B, per_z, per_y, K_zz, K_zy, K_yy, p_V)
@@ -259,7 +269,7 @@ def carry_over(par: Any, side: int, zeta: float, step_z: float, step_y: float, o
 
 @compiled
 def displacements(x: Any, par: Any, out: Any) -> None:
-    """Displacements of both springs and their speeds.
+    """Write the displacements and speeds of both springs to ``out``.
 
     ζ_i = z_B + s_i b φ_B − z_P − s_i b φ_P,  y_i = y_B + e φ_B − y_P + h φ_P,  θ = φ_B − φ_P
     """
@@ -292,7 +302,9 @@ def displacements(x: Any, par: Any, out: Any) -> None:
 
 @compiled
 def spring_algebra(t: float, x: Any, mem: Any, par: Any, out: Any) -> None:
-    """Displacements of both springs, their bellows' share, and the state of the gas in the chambers."""
+    """Write the displacements of both springs and of their bellows, and the state of the gas in all chambers to
+    ``out``.
+    """
     displacements(x, par, out)
     ahead = t - mem.solved_time
     kappa = par.heat_capacity_ratio
@@ -320,7 +332,7 @@ def spring_algebra(t: float, x: Any, mem: Any, par: Any, out: Any) -> None:
 
 @compiled
 def work_term(par: Any, out: Any, dx: Any) -> None:
-    """−p dV/dt of both bellows (`bellows_speeds`), after all enthalpy and heat have been added to ``dx``."""
+    """Subtract p dV/dt of both bellows (`bellows_speeds`), after all enthalpy and heat have been added to ``dx``."""
     kappa = par.heat_capacity_ratio
     for i in range(2):
         c_z = 0.0
@@ -357,7 +369,7 @@ def work_term(par: Any, out: Any, dx: Any) -> None:
 
 @compiled
 def coupling_stiffness(par: Any, side: int) -> float:
-    """K_yφ = ½ (K_yy h + P) in N/rad: a sheared column of height h under the constant nominal load P."""
+    """Return K_yφ = ½ (K_yy h + P) in N/rad: that of a sheared column of height h under the constant nominal load P."""
     K = (
         par.membrane_length[side] * par.nominal_preload[side] / par.effective_area[side]
         + par.shell_stiffness_lateral[side]
@@ -369,7 +381,9 @@ def coupling_stiffness(par: Any, side: int) -> float:
 
 @compiled
 def load_bolster(par: Any, side: int, F_z: float, F_y: float, M: float, dx: Any) -> None:
-    """Add forces and moment of one spring to the bolster's speed derivatives, which are divided by its mass later."""
+    """Add forces and moment of one spring to the derivatives of the bolster's speeds. Another term divides them by
+    the mass later.
+    """
     arm = (1.0 - 2.0 * side) * par.spring_half_spacing
     dx[State.BOLSTER_VERTICAL_SPEED] += F_z
     dx[State.BOLSTER_LATERAL_SPEED] += F_y
@@ -378,12 +392,13 @@ def load_bolster(par: Any, side: int, F_z: float, F_y: float, M: float, dx: Any)
 
 @compiled
 def spring_term(par: Any, out: Any, dx: Any) -> None:
-    """Add the forces of both springs (N) to the bolster's speed derivatives, which are divided by its mass later.
+    """Add the forces (N) and moments of both springs to the derivatives of the bolster's speeds.
 
-    F_y −= σ K_yφ φ_s tanh(θ/φ_s),  M = −(K_φ0 + K_φp P/A_e) θ − σ K_yφ y sech²(θ/φ_s): both from one potential σ K_yφ y
-    φ_s tanh(θ/φ_s) parallel to the series connection, in the total displacement y. They depend on the constant nominal
-    load P and not on the pressure, because then they would do work on the gas without a change of volume. The contact
-    dissipates energy by F (1 − d ζ̇), a damping in proportion to the force.
+    Another term divides them by the mass later. F_y −= σ K_yφ φ_s tanh(θ/φ_s),  M = −(K_φ0 + K_φp P/A_e) θ − σ K_yφ y
+    sech²(θ/φ_s). Both coupling terms follow from one potential σ K_yφ y φ_s tanh(θ/φ_s), parallel to the series
+    connection, in the total displacement y. They depend on the constant nominal load P. If they depended on the
+    pressure, they would do work on the gas without a change of volume. The contact dissipates energy by F (1 − d ζ̇),
+    a damping in proportion to the force.
     """
     theta = out[Algebraic.ROLL]
     saturated = tanh(theta / par.coupling_angle)

@@ -1,6 +1,6 @@
-"""Actions once per step, at its start: valves switch, friction reverses, and the memory is updated.
+"""Actions at the start of each step: valves switch, friction reverses, and the memory is updated.
 
-Their results are constant within a step, so that the right-hand side is smooth during the integration.
+Their results are constant within a step, so the right-hand side is smooth during the integration.
 """
 
 from typing import Any
@@ -14,8 +14,8 @@ from bench_sim.model.valves import note_flows, switch_valves
 
 @compiled
 def note_solution(mem: Any, par: Any, out: Any) -> bool:
-    """Store the bellows' motion and the flows for the next step and update the friction; return True if any friction
-    reversed.
+    """Store the motion of the bellows and the flows for the next step, and update the friction. Return whether any
+    friction curve has changed.
     """
     note_flows(mem, par, out)
     turned = False
@@ -43,7 +43,7 @@ def note_solution(mem: Any, par: Any, out: Any) -> bool:
 
 @compiled_within
 def begin(slope: Any, x: Any, mem: Any, u: Any, par: Any, given: Any, dx: Any, out: Any) -> None:
-    """Switch valves and friction at ``mem.time``, and write the slope there to ``dx``.
+    """Switch valves and friction at ``mem.time``, and write the slope after this to ``dx``.
 
     ``slope`` and ``given`` are those of `bench_sim.model.runge_kutta`.
     """

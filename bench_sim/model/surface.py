@@ -1,9 +1,9 @@
-"""Terms without a name: smooth surfaces over two states of a spring, for errors that no named effect explains.
+"""Fitted surfaces: smooth functions of two states of a spring, for errors that no named effect explains.
 
     s(a, b) = Σ_jk c_jk N_j(a) N_k(b)
 
-N are quadratic B-splines on uniform knots over the span of a coordinate, constant outside of it. If all coefficients
-are 1, the surface is 1 (partition of unity).
+The functions N are quadratic B-splines on uniform knots over the range of a coordinate, and constant outside of it. If
+all coefficients are 1, the surface is 1 (partition of unity).
 """
 
 from math import asinh
@@ -17,8 +17,8 @@ from bench_sim.model.layout import Input, State
 
 @compiled
 def spline_weights(value: float, low: float, high: float, count: int) -> tuple[int, float, float, float]:
-    """Return the index of the first of the three non-zero splines at ``value``, and their values; ``count`` splines in
-    all.
+    """Return the index of the first of the three non-zero splines at ``value``, and the values of these three.
+    ``count`` is the number of all splines.
     """
     cells = count - 2
     s = min(max((value - low) / (high - low), 0.0), 1.0) * cells
@@ -29,7 +29,7 @@ def spline_weights(value: float, low: float, high: float, count: int) -> tuple[i
 
 @compiled_once
 def surface(coefficients: Any, a: float, a_span: Any, b: float, b_low: float, b_high: float) -> float:
-    """Value of the surface with ``coefficients`` (8, 4) at (a, b)."""
+    """Return the value of the surface with ``coefficients`` (8, 4) at (a, b)."""
     j, v_0, v_1, v_2 = spline_weights(a, a_span[0], a_span[1], coefficients.shape[0])
     k, w_0, w_1, w_2 = spline_weights(b, b_low, b_high, coefficients.shape[1])
     return (
@@ -43,7 +43,9 @@ def surface(coefficients: Any, a: float, a_span: Any, b: float, b_low: float, b_
 
 @compiled
 def force_surface(par: Any, displacement: float, speed: float) -> float:
-    """Extra upward force of one spring in N over its height and asinh(v/v₀) of its speed."""
+    """Return the additional upward force of one spring in N, a function of its height and of asinh(v/v₀), with its
+    speed v.
+    """
     v_0 = par.force_surface_unit_speed
     return surface(
         par.force_surface,
@@ -57,7 +59,9 @@ def force_surface(par: Any, displacement: float, speed: float) -> float:
 
 @compiled
 def lateral_surface(par: Any, shear: float, speed: float, roll: float) -> float:
-    """Extra force of one spring to the left in N: over (shear, asinh(v/v₀)), and over (shear, roll)."""
+    """Return the additional force of one spring to the left in N: the sum of a function of shear and asinh(v/v₀), and
+    one of roll and shear.
+    """
     force = 0.0
     if par.shear_surface_shear[1] > par.shear_surface_shear[0]:
         v_0 = par.force_surface_unit_speed
@@ -71,7 +75,7 @@ def lateral_surface(par: Any, shear: float, speed: float, roll: float) -> float:
 
 @compiled
 def moment_surface(par: Any, shear: float, roll: float) -> float:
-    """Extra roll moment of one spring in N·m over (roll, shear)."""
+    """Return the additional roll moment of one spring in N·m, a function of roll and shear."""
     if par.moment_surface_roll[1] <= par.moment_surface_roll[0]:
         return 0.0
     low, high = par.moment_surface_shear[0], par.moment_surface_shear[1]
@@ -80,7 +84,7 @@ def moment_surface(par: Any, shear: float, roll: float) -> float:
 
 @compiled
 def surface_flow(par: Any, opening: float, p: float, p_a: float) -> float:
-    """Extra flow in kg/s from a bellows to its chamber, over (p_b − p_a, p_b)."""
+    """Return the additional flow in kg/s from a bellows to its chamber, a function of p_b − p_a and p_b."""
     if par.flow_surface_difference[1] <= par.flow_surface_difference[0]:
         return 0.0
     low, high = par.flow_surface_pressure[0], par.flow_surface_pressure[1]
@@ -89,7 +93,7 @@ def surface_flow(par: Any, opening: float, p: float, p_a: float) -> float:
 
 @compiled
 def surface_heat(par: Any, p: float, T: float) -> float:
-    """Extra heat in W into a bellows, over (p_b, T_b − T_amb)."""
+    """Return the additional heat in W into a bellows, a function of p_b and T_b − T_amb."""
     if par.heat_surface_pressure[1] <= par.heat_surface_pressure[0]:
         return 0.0
     low, high = par.heat_surface_temperature[0], par.heat_surface_temperature[1]
@@ -98,7 +102,7 @@ def surface_heat(par: Any, p: float, T: float) -> float:
 
 @compiled
 def gas_surface_term(u: Any, par: Any, out: Any, dx: Any) -> None:
-    """Add flow from each bellows to its chamber, and heat into it, from surfaces."""
+    """Add the flow from each bellows to its auxiliary chamber and the heat into the bellows, from fitted surfaces."""
     c_p = enthalpy_per_kelvin(par)
     for i in range(2):
         p = out[Algebraic.PRESSURE + i]

@@ -1,4 +1,4 @@
-"""Every flow of air: orifice path, leveling and service valves, differential pressure valve, leaks, supply line."""
+"""Every air flow: orifice, leveling and service valves, differential pressure valve, leaks, supply line."""
 
 from typing import Any, Final
 
@@ -19,16 +19,17 @@ from bench_sim.model.orifice import (
 )
 from bench_sim.model.pipe import PIPE_RATE, pipe_acceleration
 
-#: A reservoir valve before a pipe is shut below this opening.
+#: With a pipe, a reservoir valve counts as closed below this opening.
 _SHUT: Final = 1e-3
 
 
 @compiled
 def orifice_term(t: float, x: Any, mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
-    """Flow between each bellows and its auxiliary chamber, carrying the enthalpy of its upstream side.
+    """Add the flow between each bellows and its auxiliary chamber, with the enthalpy of the chamber that the air
+    leaves.
 
-    Without a pipe the flow follows from the pressures. With a pipe it is a state, and a closing valve stops it within
-    half a millisecond.
+    Without a pipe the flow follows from the pressures. With a pipe the flow is a state, and a closing valve stops it
+    within half a millisecond.
     """
     kappa = par.heat_capacity_ratio
     c_p = enthalpy_per_kelvin(par)
@@ -71,7 +72,7 @@ def orifice_term(t: float, x: Any, mem: Any, u: Any, par: Any, out: Any, dx: Any
 
 @compiled
 def note_flows(mem: Any, par: Any, out: Any) -> None:
-    """Store the steady and the missing flow at the start of a step, for sides with inertia."""
+    """Store the steady and the missing flow at the start of a step, for sides whose air has inertia."""
     for i in range(2):
         if par.flow_inertance[i] > 0.0:
             mem.steady_flow[i] = out[Algebraic.STEADY_FLOW + i]
@@ -80,7 +81,9 @@ def note_flows(mem: Any, par: Any, out: Any) -> None:
 
 @compiled
 def leveling_latch(lever: float, latch: int, deadband: float, hysteresis: float) -> int:
-    """−1 filling, 0 closed, +1 exhausting: opens at the deadband, closes at deadband − hysteresis."""
+    """Return the state of a leveling valve: −1 filling, 0 closed, +1 exhausting. It opens at ``deadband``, and closes
+    at ``deadband`` − ``hysteresis``.
+    """
     if lever > deadband:
         return 1
     if lever < -deadband:
@@ -92,7 +95,9 @@ def leveling_latch(lever: float, latch: int, deadband: float, hysteresis: float)
 
 @compiled
 def leveling_opening(lever: float, latch: int, deadband: float, hysteresis: float, span: float) -> float:
-    """u = sat((|x| − δ + δ_h)/Δ) with the sign of the latch: positive exhausts."""
+    """Return the opening u = sat((|x| − δ + δ_h)/Δ) with the sign of the latch (−1 to 1). A positive opening
+    exhausts.
+    """
     if latch == 0:
         return 0.0
     return latch * min(max((latch * lever - deadband + hysteresis) / span, 0.0), 1.0)
@@ -100,7 +105,7 @@ def leveling_opening(lever: float, latch: int, deadband: float, hysteresis: floa
 
 @compiled
 def lever_term(x: Any, par: Any, out: Any, dx: Any) -> None:
-    """dx_l/dt = (ζ + offset − x_l)/τ: the lever follows the height through its dash-pot."""
+    """Add dx_l/dt = (ζ + offset − x_l)/τ: the lever follows the height with a lag, by its dash-pot."""
     for i in range(2):
         target = out[Algebraic.HEIGHT + i] + par.lever_offset[i]
         dx[State.LEVER + i] += (target - x[State.LEVER + i]) / par.leveling_lag[i]
@@ -133,7 +138,9 @@ def chamber_flow(
 
 @compiled
 def chamber_term(x: Any, par: Any, side: int, fill: float, exhaust: float, out: Any, dx: Any) -> float:
-    """Flow in kg/s into one auxiliary chamber from the supply or to the atmosphere (`chamber_flow`)."""
+    """Add the flow from the supply or to the atmosphere (`chamber_flow`) to one auxiliary chamber. Return
+    it in kg/s.
+    """
     p = out[Algebraic.AUXILIARY_PRESSURE + side]
     T = out[Algebraic.AUXILIARY_TEMPERATURE + side]
     flow, power = chamber_flow(x[State.SUPPLY_LINE], p, T, fill, exhaust, par)
@@ -144,27 +151,29 @@ def chamber_term(x: Any, par: Any, side: int, fill: float, exhaust: float, out: 
 
 @compiled
 def valve_opening(lever: float, mem: Any, par: Any, side: int) -> float:
-    """Return the opening of the leveling valve of one side: −1 fills, +1 exhausts."""
+    """Return the opening of the leveling valve of one side, from −1 (fills) to +1 (exhausts)."""
     deadband, hysteresis = par.leveling_deadband[side], par.leveling_hysteresis[side]
     return leveling_opening(lever, mem.leveling_latch[side], deadband, hysteresis, par.leveling_range[side])
 
 
 @compiled
 def leveling_conductances(opening: float, par: Any, side: int) -> tuple[float, float]:
-    """Return the conductances for filling and exhausting one auxiliary chamber through its leveling valve."""
+    """Return the conductances in m³/(s·Pa) for filling and exhausting one auxiliary chamber by its leveling valve."""
     return max(-opening, 0.0) * par.fill_conductance[side], max(opening, 0.0) * par.exhaust_conductance[side]
 
 
 @compiled
 def service_conductances(opening: float, par: Any, side: int) -> tuple[float, float]:
-    """Return the conductances for filling and exhausting one auxiliary chamber through the rig's service valve."""
+    """Return the conductances in m³/(s·Pa) for filling and exhausting one auxiliary chamber by the rig's service
+    valve.
+    """
     conductance = par.service_conductance[side]
     return max(opening, 0.0) * conductance, max(-opening, 0.0) * conductance
 
 
 @compiled
 def leveling_term(x: Any, mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
-    """Add the flow of each auxiliary chamber through its leveling valve."""
+    """Add the flow through the leveling valve of each auxiliary chamber."""
     for i in range(2):
         connected = min(max(u[Input.LEFT_LEVELING + i], 0.0), 1.0)
         opening = connected * valve_opening(x[State.LEVER + i], mem, par, i)
@@ -174,7 +183,7 @@ def leveling_term(x: Any, mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None
 
 @compiled
 def service_term(x: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
-    """Add the flow of each auxiliary chamber through the rig's service valve."""
+    """Add the flow through the service valve of each auxiliary chamber."""
     for i in range(2):
         opening = min(max(u[Input.LEFT_SERVICE_VALVE + i], -1.0), 1.0)
         fill, exhaust = service_conductances(opening, par, i)
@@ -183,19 +192,21 @@ def service_term(x: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
 
 @compiled
 def ahead(now: float, before: float) -> float:
-    """Return the extrapolated pressure difference (Pa, at least 0) one step later, from ``before`` one step earlier."""
+    """Return the pressure difference (Pa, at least 0) one step later, extrapolated from ``now`` and ``before``, the
+    value one step earlier.
+    """
     return max(2.0 * now - before, 0.0) if before > 0.0 else now
 
 
 @compiled
 def switch_dpv(difference: float, mem: Any, par: Any) -> None:
-    """Open the differential pressure valve above its opening pressure of |p_L − p_R|; shut it below its reclosing
+    """Open the differential pressure valve if |p_L − p_R| exceeds its opening pressure. Close it below its reclosing
     pressure.
 
-    Except in the first step, it switches at an instant within the step. This instant is extrapolated linearly from
-    ``difference`` at the start of the step (Pa) and its value one step before. The valve is open for the fraction
-    ``dpv_share`` of the step. The flow then depends smoothly on all parameters, not on the start times of steps. A line
-    overestimates a peak, so the valve also opens at a peak of at least 99.9 % of its opening pressure.
+    Except in the first step, the valve switches at an instant within the step. This instant is extrapolated linearly
+    from ``difference`` at the start of the step (Pa) and its value one step before. The valve is open for the fraction
+    ``dpv_share`` of the step. So the flow depends smoothly on all parameters, and not on the start times of steps. A
+    line overestimates a peak, so the valve also opens at a peak of at least 99.9 % of its opening pressure.
     """
     now = abs(difference)
     then = ahead(now, abs(mem.dpv_difference))
@@ -212,14 +223,14 @@ def switch_dpv(difference: float, mem: Any, par: Any) -> None:
 
 @compiled
 def switch_leveling(lever: float, mem: Any, par: Any, side: int) -> None:
-    """Switch one leveling valve."""
+    """Store the new state of one leveling valve (`leveling_latch`)."""
     deadband, hysteresis = par.leveling_deadband[side], par.leveling_hysteresis[side]
     mem.leveling_latch[side] = leveling_latch(lever, mem.leveling_latch[side], deadband, hysteresis)
 
 
 @compiled
 def switch_valves(x: Any, mem: Any, par: Any) -> None:
-    """Switch the leveling valves and the differential pressure valve by the state at the start of a step."""
+    """Switch the leveling valves and the differential pressure valve according to the state at the start of a step."""
     kappa = par.heat_capacity_ratio
     for i in range(2):
         switch_leveling(x[State.LEVER + i], mem, par, i)
@@ -232,7 +243,9 @@ def switch_valves(x: Any, mem: Any, par: Any) -> None:
 def dpv_flow(
     mem: Any, connected: float, p_left: float, T_left: float, p_right: float, T_right: float, par: Any
 ) -> tuple[float, float]:
-    """Flow in kg/s from the left to the right chamber while the valve is open or leaks, and its enthalpy in J/kg."""
+    """Return the flow from the left to the right auxiliary chamber in kg/s, and its enthalpy in J/kg. Both are 0
+    unless the valve is connected, and open or leaking.
+    """
     conductance = (mem.dpv_share * par.dpv_conductance + par.dpv_leak) * min(max(connected, 0.0), 1.0)
     if conductance == 0.0:
         return 0.0, 0.0
@@ -243,7 +256,7 @@ def dpv_flow(
 
 @compiled
 def dpv_term(mem: Any, u: Any, par: Any, out: Any, dx: Any) -> None:
-    """Flow from the left to the right auxiliary chamber while the differential pressure valve is open or leaks."""
+    """Add the flow from the left to the right auxiliary chamber through the differential pressure valve."""
     p, T = Algebraic.AUXILIARY_PRESSURE, Algebraic.AUXILIARY_TEMPERATURE
     flow, enthalpy = dpv_flow(mem, u[Input.DPV_CONNECTED], out[p], out[T], out[p + 1], out[T + 1], par)
     if flow != 0.0:
@@ -263,7 +276,9 @@ def leak_flow(
     laminar: float,
     c_p: float,
 ) -> tuple[float, float]:
-    """Flow in kg/s to the atmosphere by an orifice (ISO 6358) and a parallel laminar crack, and its enthalpy in W."""
+    """Return the flow to the atmosphere in kg/s, and the enthalpy that it carries in W. An orifice (ISO 6358) and a
+    laminar crack leak in parallel.
+    """
     flow = valve_between(p, T, outside, ambient, conductance, b, laminar)
     flow += laminar_between(p, outside, crack)
     return flow, flow * upstream_enthalpy(flow, T, ambient, c_p)
@@ -271,7 +286,7 @@ def leak_flow(
 
 @compiled
 def leak_term(par: Any, out: Any, dx: Any) -> None:
-    """Leaks of the bellows to the atmosphere (`leak_flow`)."""
+    """Subtract the leaks of the bellows to the atmosphere (`leak_flow`)."""
     c_p = enthalpy_per_kelvin(par)
     for i in range(2):
         if par.leak_conductance[i] == 0.0 and par.leak_laminar[i] == 0.0:
@@ -295,7 +310,7 @@ def leak_term(par: Any, out: Any, dx: Any) -> None:
 
 @compiled
 def source_pressure(t: float, par: Any) -> float:
-    """Gauge pressure before the main valve: constant, or falling and recharged in a saw-tooth."""
+    """Return the gauge pressure before the main valve in Pa. It is constant, or falls and is recharged periodically."""
     if par.supply_sawtooth == 0.0:
         return par.supply_pressure
     phase = t % (par.sawtooth_decay_time + par.sawtooth_recharge_time)
@@ -307,6 +322,6 @@ def source_pressure(t: float, par: Any) -> float:
 
 @compiled
 def supply_term(t: float, x: Any, u: Any, par: Any, dx: Any) -> None:
-    """dp_s/dt = (p_source − p_s)/τ behind the main valve; a closed main valve vents the line."""
+    """Add dp_s/dt = (p_source − p_s)/τ of the supply line behind the main valve. A closed main valve vents the line."""
     gauge = source_pressure(t, par) if u[Input.SUPPLY] > 0.5 else 0.0
     dx[State.SUPPLY_LINE] += (gauge + par.atmospheric_pressure - x[State.SUPPLY_LINE]) / par.supply_lag

@@ -1,4 +1,4 @@
-"""The vehicle as one object: at rest or in a steady wind, riding through gusts, and its natural modes."""
+"""The vehicle as one object: at rest or in a steady wind, during a ride through gusts, and its natural modes."""
 
 from dataclasses import dataclass
 from typing import Any, Final
@@ -14,13 +14,13 @@ from bench_sim.model.quantities import PARAMETERS
 from bench_sim.model.rest import fill_chamber, relax_rubber, settled_temperature
 from bench_sim.model.spring import load_bellows, stretch, stretched_pressure, volume
 
-#: The equilibrium in a steady wind is found in steps of at most this many N, each starting from the last.
+#: Largest step (N) of the wind force when the equilibrium is computed. Each step starts from the previous result.
 _PORTION: Final = 2000.0
 _ITERATIONS: Final = 60
 #: Residual in m at which an equilibrium is accepted: a force of 4e-11 of the car body's weight.
 _BALANCED: Final = 1e-11
 
-#: Eigenvalues with a smaller imaginary part (rad/s) do not oscillate: it is a rounding error.
+#: An imaginary part of an eigenvalue below this (rad/s) is a rounding error, and not an oscillation.
 _SLOWEST: Final = 0.05
 
 #: States that take part in small motions.
@@ -30,9 +30,10 @@ _MOTION: Final = tuple(range(State.VERTICAL_DASHPOT, State.PLATFORM_LATERAL))
 
 @dataclass(frozen=True, slots=True)
 class NaturalMode:
-    """One oscillating small motion: undamped frequency in Hz, damping ratio, and its shape.
+    """One oscillating natural mode of small motions: undamped frequency in Hz, damping ratio, and shape.
 
-    ``shape`` holds lateral, vertical and b·roll (complex, the largest 1), b being half the distance of the springs.
+    ``shape`` contains lateral, vertical and b·roll (complex; the largest is 1). b is half the distance between the
+    springs.
     """
 
     frequency: float
@@ -41,12 +42,13 @@ class NaturalMode:
 
 
 class Vehicle:
-    """Half a car on one bogie, with the bench's parameter record for its springs and a record ``CAR`` for the rest.
+    """Half a car on one bogie. The bench's parameter record describes its springs, and a record ``CAR`` describes the
+    rest.
 
     The mass of the body is the load of the springs at their nominal preloads, m = (P_L + P_R)/g. ``state``, ``inputs``
-    and ``memory`` have the same meaning as in `Plant`, with the car body as the bolster and the bogie as the platform.
-    The vehicle starts at rest without wind. Leveling valves are isolated unless ``leveling``; the differential pressure
-    valve is connected.
+    and ``memory`` have the same meaning as in `Plant`. The car body replaces the bolster, and the bogie the platform.
+    The vehicle starts at rest without wind. Leveling valves are connected only with ``leveling``. The differential
+    pressure valve is connected unless ``dpv`` is False.
     """
 
     def __init__(
@@ -77,7 +79,7 @@ class Vehicle:
 
     @property
     def mass(self) -> float:
-        """Mass of this half of the car body in kg."""
+        """Return the mass of this half of the car body in kg."""
         return float(self.parameters.bolster_mass)
 
     @property
@@ -86,7 +88,9 @@ class Vehicle:
         return float(self.memory.time)
 
     def slope(self, wind: float = 0.0) -> NDArray[np.float64]:
-        """Return dx/dt of the present state under ``wind`` N on this half of the car; `algebraic` belongs to it."""
+        """Return dx/dt of the present state under a ``wind`` force in N on this half of the car. `algebraic` returns
+        the variables of this evaluation.
+        """
         car_derivative(
             self.time,
             self.state,
@@ -101,16 +105,17 @@ class Vehicle:
         return self._slope.copy()
 
     def algebraic(self, quantity: Algebraic, side: int = 0) -> float:
-        """Return one algebraic quantity of the last `slope` or `lean`."""
+        """Return one algebraic variable of the last `slope` or `lean`."""
         return float(self._algebraic[quantity + side])
 
     def lean(self, wind: float) -> "Vehicle":
-        """Put the vehicle at its equilibrium under a steady ``wind`` N on this half of the car; returns itself.
+        """Set the vehicle to its equilibrium under a steady ``wind`` force in N on this half of the car. Return this
+        object.
 
-        Each spring keeps its air, at the initial temperature of its walls. The rubber is relaxed, friction holds no
-        force, and the emergency spring has not crept further. Leveling valves do not act here; to include them, settle
-        the vehicle with `ride`. Raises ValueError if there is no equilibrium, or if the differential pressure valve
-        would open before it.
+        Each spring keeps its air, at the initial temperature of its walls. The rubber is relaxed, friction has no
+        force, and the emergency spring has not crept further. Leveling valves have no effect; to include them, use
+        `ride` until the vehicle is at rest. Raises ValueError if there is no equilibrium, or if the differential
+        pressure valve would open before it.
         """
         air = [
             float(self.state[State.BELLOWS_MASS + i] + self.state[State.AUXILIARY_MASS + i])
@@ -133,8 +138,8 @@ class Vehicle:
         return self
 
     def _balance(self, bellows: NDArray[np.float64], air: list[float], wind: float) -> NDArray[np.float64]:
-        """Return the displacements of both bellows (ζ, ζ, y, y) in equilibrium, by Newton's method with halved steps if
-        needed.
+        """Return the displacements of both bellows (ζ, ζ, y, y) in equilibrium. Newton's method halves a step that
+        does not reduce the residual.
         """
         misfit = self._misfit(bellows, air, wind)
         for _ in range(_ITERATIONS):
@@ -165,9 +170,9 @@ class Vehicle:
         )
 
     def _misfit(self, bellows: NDArray[np.float64], air: list[float], wind: float) -> NDArray[np.float64]:
-        """Put the vehicle at rest with these displacements of the bellows; return the residual of equilibrium in m.
+        """Set the vehicle to rest with these displacements of the bellows. Return the residual of equilibrium in m.
 
-        The force of each spring follows from its bellows, and the emergency spring's share from that force.
+        The force of each spring follows from its bellows, and the deflection of the emergency spring from this force.
         """
         par, x, mem, out = self.parameters, self.state, self.memory, self._algebraic
         T = settled_temperature(par)
@@ -210,10 +215,12 @@ class Vehicle:
         every: int = 1,
         springs: bool = False,
     ) -> Ride:
-        """Ride for ``duration`` s, and record every ``every`` steps.
+        """Simulate a ride of ``duration`` s from the present state on. Return the record, with one row every
+        ``every`` steps.
 
-        ``wind`` is the force on this half of the car in N, positive to the left: one number, or samples ``interval`` s
-        apart from now on (linear between them, the last one held). ``springs`` also records `Algebraic`.
+        ``wind`` is the force on this half of the car in N, positive to the left. It is one number, or samples
+        ``interval`` s apart, linearly interpolated; the last sample stays valid. With ``springs`` the variables of
+        `Algebraic` are recorded too.
         """
         force = np.atleast_1d(np.ascontiguousarray(wind, dtype=np.float64))
         if force.ndim != 1 or not len(force) or not np.isfinite(force).all():
@@ -247,9 +254,10 @@ class Vehicle:
         return Ride(time, rows, algebraic)
 
     def jacobian(self, wind: float = 0.0) -> NDArray[np.float64]:
-        """Return ∂(dx/dt)/∂x at the present state by central differences, over the active states.
+        """Return ∂(dx/dt)/∂x at the present state by central differences.
 
-        These are gas, rubber and car body, in the order of `State`; friction sticks, and valves do not switch.
+        It contains the states of gas, rubber and car body, in the order of `State`. Friction sticks, and valves do not
+        switch.
         """
         places = [*_GAS, *_MOTION]
         kept = self.state.copy()
@@ -265,9 +273,10 @@ class Vehicle:
         return result
 
     def modes(self, wind: float = 0.0) -> list[NaturalMode]:
-        """Return the oscillating natural modes about the present state, slowest first.
+        """Return the oscillating natural modes about the present state, in the order of frequency.
 
-        Small motions: friction sticks and adds its initial stiffness F_max/x₂, and an orifice flow stays laminar.
+        They are valid for small motions: friction sticks and adds its initial stiffness F_max/x₂, and the orifice flow
+        is linear.
         """
         values, vectors = np.linalg.eig(self.jacobian(wind))
         first = len(_GAS) + _MOTION.index(int(State.BOLSTER_LATERAL))

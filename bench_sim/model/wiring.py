@@ -1,4 +1,4 @@
-"""The sensor of the measuring chain for each signal of the buses; the import checks that both have the same numbers."""
+"""The sensor of the measuring chain for each measured signal. The import checks that both lists agree."""
 
 from itertools import zip_longest
 from typing import Final
@@ -10,7 +10,7 @@ from bench_sim.model.layout import Sensor
 
 
 def sensor_of(name: str) -> Sensor:
-    """Return the sensor of the measurement ``name``. Raises ValueError for a signal without a sensor."""
+    """Return the sensor that measures the signal ``name``. Raises ValueError for a signal without a sensor."""
     return Sensor(TABLE.index[name])
 
 
@@ -20,7 +20,7 @@ def sensors_of(group: Group) -> list[Sensor]:
 
 
 def _check(measurement: Signal | None, sensor: Sensor | None) -> None:
-    """Raise ImportError, which states the missing entry, unless ``sensor`` belongs to ``measurement``."""
+    """Raise ImportError unless ``sensor`` belongs to ``measurement``. The message states the missing entry."""
     wanted = measurement.name.replace(".", "_").upper() if measurement else ""
     if measurement and sensor is None:
         raise ImportError(

@@ -1,4 +1,4 @@
-"""Parameter sets of the plant: values with unit, range, provenance and source; invalid values are refused."""
+"""Parameter sets of the plant: values with unit, range, provenance and source. Invalid values raise an error."""
 
 import hashlib
 from collections.abc import Mapping
@@ -36,9 +36,9 @@ SETS: Final = ("astb", "kuzyshyn_2024")
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """A complete parameter set under one load case; immutable, changed copies come from `with_values`.
+    """A complete, immutable parameter set under one load case. `with_values` returns changed copies.
 
-    ``entries`` describe the bench without its ``effects``; ``record`` has both.
+    ``entries`` describe the bench without its ``effects``. ``record`` contains the values with the effects.
     """
 
     name: str
@@ -61,7 +61,7 @@ class Parameters:
     def with_values(self, **changes: ArrayLike | Mapping[Sensor, float]) -> "Parameters":
         """Return a copy with some values changed (SI).
 
-        One number serves every element of an array; a sensor property also takes ``{Sensor.X: value}``. Raises
+        One number applies to every element of an array. A sensor property also accepts ``{Sensor.X: value}``. Raises
         `ParameterError` for an unknown name, a wrong shape or a value outside its range.
         """
         entries = dict(self.entries)
@@ -77,29 +77,30 @@ class Parameters:
         return replace(self, entries=entries)
 
     def under(self, load_case: str) -> "Parameters":
-        """Return the same set under another load case, e.g. ``AW3``."""
+        """Return this set under another load case, such as ``AW3``."""
         chosen_load(self.load_cases, load_case)
         entries = {**self.entries, LOAD: self.load_cases[load_case]}
         return replace(self, entries=entries, load_case=load_case)
 
     def as_built(self, seed: int) -> "Parameters":
-        """Return the set of one rig as built: each sensor's bias drawn evenly within its accuracy, from ``seed``.
+        """Return the parameters of one manufactured rig: the bias of each sensor is random, uniform within its
+        accuracy. ``seed`` selects the random numbers.
 
-        A bias that is given in the set is kept.
+        A bias other than 0 in the set does not change.
         """
         accuracy, bias = (self.entries[f"sensor_{name}"].value for name in ("accuracy", "bias"))
         draw = accuracy * np.random.default_rng(seed).uniform(-1.0, 1.0, accuracy.shape)
         return self.with_values(sensor_bias=np.where(bias == 0.0, draw, bias))
 
     def digest(self) -> str:
-        """SHA-256 over every value of the record, for the head of a measurement record."""
+        """Return the SHA-256 of all values of the record as text. Measurement records state it."""
         return hashlib.sha256(np.asarray(self.record).tobytes()).hexdigest()
 
 
 def load(name: str | Path = "astb", load_case: str | None = None) -> Parameters:
-    """Read a parameter set of this package, by its name, or a parameter set or model file, by its path.
+    """Return a parameter set, by name (sets of this package) or by the path of a parameter set or model file.
 
-    Without ``load_case`` the first one of the file applies. Raises `ParameterError`, which names the file.
+    Without ``load_case`` the first one of the file applies. Raises `ParameterError`, whose text names the file.
     """
     return _load(name, load_case, ())
 
@@ -123,7 +124,7 @@ def _load(name: str | Path, load_case: str | None, above: tuple[Path, ...]) -> P
 
 @cache
 def _own(name: str, load_case: str | None) -> Parameters:
-    """Return a set of this package; its file is read once in a process."""
+    """Return a set of this package. Its file is read once per process."""
     read = _parse(name, read_toml(name, SETS)[1], load_case)
     for entry in (*read.entries.values(), *read.load_cases.values()):
         if entry.value.ndim:
@@ -143,7 +144,7 @@ def _parse(name: str, tables: dict[str, Any], load_case: str | None) -> Paramete
 
 
 def _check_order(record: Any) -> None:
-    """Check pairs of parameters that are valid only in one order."""
+    """Raise ParameterError for values that contradict each other, such as a lower limit above its upper limit."""
     for low, high in (
         ("dpv_reclosing", "dpv_opening"),
         ("leveling_hysteresis", "leveling_deadband"),

@@ -53,9 +53,10 @@ _OF_CELLS: Final = ("load_cell_x", "load_cell_y", "load_cell_height")
 
 
 def dimensions_of(parameters: Parameters) -> dict[str, float]:
-    """Return the dimensions (SI) of a rig with these parameters, by name, without its effects, which are unknown.
+    """Return the dimensions (SI) of a rig with these parameters, by name. Effects of the set are not included.
 
-    The lasers are at the springs, load cells 1 to 4 vertical at the corners, 5 and 6 lateral, in front and behind.
+    The lasers are at the springs. Load cells 1 to 4 are vertical at the corners, 5 and 6 are lateral, in front and
+    behind.
     """
 
     def of(parameter: str, elements: slice = _ALL) -> float:
@@ -75,9 +76,11 @@ def dimensions_of(parameters: Parameters) -> dict[str, float]:
 
 
 def built_as(parameters: Parameters, dimensions: Mapping[str, float]) -> Parameters:
-    """Return the parameters of a rig with these ``dimensions`` (SI, by name); other parameters stay as they are. Raises
-    ParameterError for dimensions that the simulated bench cannot have. Its lasers are at the springs and both sides are
-    alike. Of its six load cells, four are vertical at the corners, and two are lateral, in front and behind.
+    """Return the parameters of a rig with these ``dimensions`` (SI, by name). Other parameters do not change.
+
+    Raises ParameterError for dimensions that the simulated bench cannot have. In the simulated bench the lasers are at
+    the springs, and both sides are equal. Of the six load cells, four are vertical at the corners, and two are
+    lateral, in front and behind.
     """
     if further := [cell for cell in LOAD_CELLS if cell not in _CELLS and place(cell)[0] in dimensions]:
         raise ParameterError(
@@ -104,7 +107,7 @@ def built_as(parameters: Parameters, dimensions: Mapping[str, float]) -> Paramet
 
 
 def described(parameters: Parameters, dimensions: Dimensions) -> Parameters:
-    """Return the set of the rig with these dimensions, see `built_as`."""
+    """Return the parameters of the rig with these dimensions (`built_as`)."""
     return built_as(parameters, {name: one.value for name, one in dimensions.known.items()})
 
 
@@ -126,7 +129,7 @@ def _spacings(dimensions: Mapping[str, float]) -> dict[str, float]:
 
 
 def _cells_of(*spacings: float) -> dict[str, float]:
-    """Return places and directions of all load cells of a bench with these values of `_OF_CELLS`."""
+    """Return positions and directions of all load cells by name, for these values of `_OF_CELLS`."""
     found: dict[str, float] = {}
     for cell, (stands, points) in _CELLS.items():
         found |= {name: one * size for name, one, size in zip(place(cell), stands, spacings, strict=True)}

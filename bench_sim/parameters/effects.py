@@ -1,4 +1,6 @@
-"""Effects as text: `leak.left=0.2mm2` is read, checked against the catalogue, and added to a parameter set."""
+"""Reads effects from text such as `leak.left=0.2mm2`, checks them against the catalogue, and adds them to a parameter
+set.
+"""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -14,7 +16,7 @@ Effects = Mapping[str, Mapping[str, float]]
 
 
 class ParameterSet(Protocol):
-    """The interface of a parameter set for changes; `Parameters` has it."""
+    """The methods that a parameter set needs for changes. `Parameters` has them."""
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
@@ -32,9 +34,10 @@ _EXAMPLE: Final = "NAME[.PLACE]=AMPLITUDE[, SHAPE=VALUE]"
 
 
 def find_effect(name: str) -> tuple[Effect, int | None]:
-    """Return the effect called ``name`` (``leak.left``, ``maxwell``) and its place: 0 left, 1 right, None for none.
+    """Return the effect called ``name`` (such as ``leak.left`` or ``maxwell``), and the index of its place or None.
+    Places left and right are 0 and 1.
 
-    Raises `ParameterError`.
+    Raises `ParameterError` for an unknown effect or place.
     """
     kind, _, place = name.partition(".")
     effect = CATALOGUE.get(kind)
@@ -54,9 +57,9 @@ def find_effect(name: str) -> tuple[Effect, int | None]:
 
 
 def read_effect(name: str, given: Mapping[str, Any]) -> dict[str, float]:
-    """Return the values (SI) of the effect ``name`` from texts with units; missing values are nominal.
+    """Return the values (SI) of the effect ``name`` from texts with units. Parameters without a text are left out.
 
-    Raises `ParameterError`.
+    Raises `ParameterError` for an unknown effect or parameter, or an invalid text.
     """
     effect, _ = find_effect(name)
     _check_names(name, effect, given)
@@ -68,7 +71,9 @@ def read_effect(name: str, given: Mapping[str, Any]) -> dict[str, float]:
 
 
 def read_effect_text(name: str, text: Any) -> dict[str, float]:
-    """Return the values (SI) of the effect ``name`` from a text like ``0.1, time=0.5 s``: first its amplitude."""
+    """Return the values (SI) of the effect ``name`` from a text like ``0.1, time=0.5 s``, which begins with the
+    amplitude.
+    """
     effect, _ = find_effect(name)
     amplitude, *shapes = str(text).split(",")
     given = {effect.amplitude.name: amplitude.strip()}
@@ -82,9 +87,9 @@ def read_effect_text(name: str, text: Any) -> dict[str, float]:
 
 
 def parse_effect(text: str) -> tuple[str, dict[str, float]]:
-    """Return name and values (SI) of an effect from ``leak.left=0.2mm2`` or ``maxwell=0.1,time=0.5s``.
+    """Return name and values (SI) of an effect from a text such as ``leak.left=0.2mm2`` or ``maxwell=0.1,time=0.5s``.
 
-    Raises `ParameterError`.
+    Raises `ParameterError` for an invalid text.
     """
     name, equals, values = text.partition("=")
     if not equals:
@@ -93,7 +98,9 @@ def parse_effect(text: str) -> tuple[str, dict[str, float]]:
 
 
 def show_effect(name: str, values: Mapping[str, float]) -> str:
-    """Return values (SI) of the effect ``name`` as a text for `read_effect_text`: ``0.1, time=0.5 s``."""
+    """Return values (SI) of the effect ``name`` as a text that `read_effect_text` can read, such as ``0.1, time=0.5
+    s``.
+    """
     effect, _ = find_effect(name)
     texts = {}
     for one in effect.parameters:
@@ -105,10 +112,10 @@ def show_effect(name: str, values: Mapping[str, float]) -> str:
 
 
 def with_effects(parameters: Set, effects: Effects) -> Set:
-    """Return a copy of ``parameters`` whose bench also has these ``effects`` (SI).
+    """Return a copy of ``parameters`` with these additional ``effects`` (SI).
 
-    Missing shapes are nominal. Raises `ParameterError` with name, value, unit and range for an invalid value, for a
-    missing amplitude, and for an effect that the set already has.
+    Missing shape parameters get their nominal value. Raises `ParameterError` for an invalid value, for a missing
+    amplitude, and for an effect that the set already has.
     """
     added = {name: _complete(name, values) for name, values in effects.items()}
     for name in added:
@@ -118,7 +125,7 @@ def with_effects(parameters: Set, effects: Effects) -> Set:
 
 
 def apply_effects(record: Any, entries: Mapping[str, Entry], effects: Effects) -> None:
-    """Apply ``effects`` to the parameter record in place; every value must stay within its parameter's range."""
+    """Apply ``effects`` to the parameter record in place. Raises `ParameterError` if a parameter leaves its range."""
     for name, values in effects.items():
         effect, place = find_effect(name)
         try:

@@ -1,4 +1,4 @@
-"""Common parts of parameter files: entries with unit, range, provenance and source; invalid ones are refused."""
+"""Common parts of parameter files: entries with unit, range, provenance and source. Invalid entries raise an error."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -21,12 +21,13 @@ _PARTS: Final = ("value", "min", "max")
 
 
 class ParameterError(ValueError):
-    """An invalid parameter set or change of one; the message states the correct form."""
+    """An invalid parameter set or an invalid change. The message states the correct form."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entry:
-    """One parameter in SI; ``low`` and ``high`` bound every element, ``unit`` and ``scale`` are as in the file.
+    """One parameter: ``value``, ``low`` and ``high`` in SI, and ``unit`` and ``scale`` of the file. Limits apply to
+    each element.
 
     ``elements`` has a name and an SI unit for each element if these differ, as for the sensors.
     """
@@ -47,9 +48,9 @@ def read_toml(
     what: str = "parameter set",
     folder: Path = Path(__file__).parent,
 ) -> tuple[Path, dict[str, Any]]:
-    """Return path and content of a file; the name of one of the ``sets`` represents a file in ``folder``.
+    """Return path and content of a TOML file. A name in ``sets`` means a file in ``folder``.
 
-    Raises `ParameterError`.
+    Raises `ParameterError` if the file cannot be read.
     """
     path = Path(name)
     if sets and path.suffix != ".toml":
@@ -65,7 +66,11 @@ def read_toml(
 
 
 def read_sections(tables: Mapping[str, Any], known: Mapping[str, Quantity]) -> dict[str, Entry]:
-    """Return the entries of all sections by name: each of the ``known`` once; missing ones get their default."""
+    """Return the entries of all sections by name. Each of the ``known`` may occur once, and missing ones get their
+    default.
+
+    Raises `ParameterError` for unknown, repeated or invalid entries, and for missing ones without a default.
+    """
     entries: dict[str, Entry] = {}
     for section, table in tables.items():
         if not isinstance(table, dict):
@@ -84,7 +89,7 @@ def read_sections(tables: Mapping[str, Any], known: Mapping[str, Quantity]) -> d
 
 
 def read_load_cases(cases: Mapping[str, Any], preload: Quantity) -> dict[str, Entry]:
-    """Return the preload of every load case; at least one is needed."""
+    """Return the preload of every load case. Raises `ParameterError` if there is none."""
     if not cases:
         raise ParameterError(f"there is no load case; add [load_case.NAME] with {LOAD}")
     loads = {}
@@ -96,7 +101,9 @@ def read_load_cases(cases: Mapping[str, Any], preload: Quantity) -> dict[str, En
 
 
 def chosen_load(loads: Mapping[str, Entry], load_case: str | None) -> str:
-    """Return ``load_case``, or the first one of the file for None."""
+    """Return ``load_case``, or the first load case of the file if it is None. Raises `ParameterError` for an unknown
+    one.
+    """
     chosen = next(iter(loads)) if load_case is None else load_case
     if chosen not in loads:
         raise ParameterError(unknown(chosen, tuple(loads), "load case"))
@@ -117,7 +124,7 @@ def read_entry(name: str, raw: Any, quantity: Quantity) -> Entry:
 
 
 def default_entry(quantity: Quantity) -> Entry:
-    """Return the entry of a parameter that is missing in the file: its default, switched off."""
+    """Return the entry of a parameter that is missing in the file: its default, with which its effect is off."""
     value, low, high = (
         np.full(quantity.shape, number) for number in (quantity.default, quantity.low, quantity.high)
     )
@@ -125,14 +132,16 @@ def default_entry(quantity: Quantity) -> Entry:
 
 
 def changed(name: str, entry: Entry, value: Any) -> Entry:
-    """Return the entry with another value (SI); a number applies to every element. Raises `ParameterError`."""
+    """Return a copy of the entry with another value (SI). A single number applies to every element. Raises
+    `ParameterError`.
+    """
     new = replace(entry, value=shaped(name, value, entry.value.shape))
     check_range(name, new)
     return new
 
 
 def shaped(name: str, value: Any, shape: tuple[int, ...], *, shown: str = "") -> NDArray[np.float64]:
-    """Return ``value`` as an array of ``shape``; one number of crosstalk fills all but the diagonal."""
+    """Return ``value`` as an array of ``shape``. A single number fills it; for crosstalk the diagonal stays 0."""
     shown = shown or name
     try:
         array = np.asarray(value, dtype=np.float64)
@@ -148,7 +157,7 @@ def shaped(name: str, value: Any, shape: tuple[int, ...], *, shown: str = "") ->
 
 
 def check_range(name: str, entry: Entry) -> None:
-    """Raise `ParameterError` for the first element outside its range; NaN is outside."""
+    """Raise `ParameterError` if an element is outside its range or NaN."""
     fits = (entry.value >= entry.low) & (entry.value <= entry.high)
     if fits.all():
         return
@@ -162,7 +171,7 @@ def check_range(name: str, entry: Entry) -> None:
 
 
 def require(known: Mapping[str, Any], given: Mapping[str, Any], what: str) -> None:
-    """Raise `ParameterError` if something is missing."""
+    """Raise `ParameterError` if a name of ``known`` is missing in ``given``."""
     missing = [name for name in known if name not in given]
     if missing:
         raise ParameterError(f"{what} {', '.join(missing)} is missing; add it")
@@ -174,8 +183,8 @@ def unknown(name: str, known: tuple[str, ...], what: str = "parameter") -> str:
 
 
 def read_value(what: str, text: Any, si: str) -> float:
-    """Return ``text``, such as ``0.2 mm2``, in the SI unit ``si``. Raises `ParameterError`, which begins with
-    ``what``.
+    """Return the number in ``text``, such as ``0.2 mm2``, in the SI unit ``si``. The message of a `ParameterError`
+    begins with ``what``.
     """
     try:
         return read_written(what, text, si)

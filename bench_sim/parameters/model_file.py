@@ -48,8 +48,9 @@ _SURFACES: Final = sorted(name.removesuffix("_surface") for name in _UNITS if na
 class Model:
     """The content of a model file, in SI.
 
-    ``changes``: by parameter a number, a list of numbers in its shape, or, for a property of the sensors, numbers by
-    sensor (``{"left_height": 2e-5}``); the coefficients and spans of surfaces are among them.
+    ``changes`` has a value for each changed parameter: a number, or a list of numbers in the parameter's shape. For a
+    property of the sensors the value is a number for each sensor (``{"left_height": 2e-5}``). The coefficients and
+    ranges of surfaces are also in ``changes``.
     """
 
     based_on: str
@@ -62,14 +63,14 @@ class Model:
 
 
 def is_model(tables: Mapping[str, Any]) -> bool:
-    """Whether the content of a file is that of a model file rather than a complete parameter set."""
+    """Return whether a file with this content is a model file. Otherwise it is a complete parameter set."""
     return "based_on" in tables
 
 
 def load_model(path: Path) -> Model:
-    """Return the content of a model file; `bench_sim.parameters.load` returns the parameters that it represents.
+    """Return the content of a model file. `bench_sim.parameters.load` returns the resulting parameters instead.
 
-    Raises `ParameterError`, which names the file.
+    Raises `ParameterError`, whose text names the file.
     """
     _, tables = read_toml(path, (), "model file")
     try:
@@ -79,9 +80,9 @@ def load_model(path: Path) -> Model:
 
 
 def load_effects(path: Path) -> Effects:
-    """Return the effects (SI) of a file that has nothing but ``[effect.NAME]`` tables.
+    """Return the effects (SI) of a file that contains only ``[effect.NAME]`` tables.
 
-    Raises `ParameterError`, which names the file.
+    Raises `ParameterError`, whose text names the file.
     """
     _, tables = read_toml(path, (), "file of effects")
     try:
@@ -95,7 +96,9 @@ def load_effects(path: Path) -> Effects:
 
 
 def read_model(tables: Mapping[str, Any]) -> Model:
-    """Return the model that the content of a TOML file describes. Raises `ParameterError`."""
+    """Return the model from the content of a TOML file. Raises `ParameterError` for an unknown key or an invalid
+    value.
+    """
     for key in tables:
         if key not in _TABLES:
             raise ParameterError(unknown(key, _TABLES, "part of a model file"))
@@ -115,7 +118,7 @@ def read_model(tables: Mapping[str, Any]) -> Model:
 
 
 def read_changes(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Return changes of parameters in SI, in the form of `Model.changes`, from texts with units.
+    """Return changes of parameters in SI from texts with units. The form is that of `Model.changes`.
 
     Raises `ParameterError` for an unknown name, and for a text that is not a number with a suitable unit.
     """
@@ -128,7 +131,7 @@ def read_changes(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def extended(base: Set, model: Model, name: str) -> Set:
-    """Return ``base`` with the changes and effects of ``model``, called ``name``. Raises `ParameterError`."""
+    """Return ``base`` with the changes and effects of ``model``, under the new ``name``. Raises `ParameterError`."""
     return with_effects(replace(with_changes(base, model.changes), name=name), model.effects)
 
 
@@ -145,10 +148,10 @@ def with_changes(base: Set, changes: Mapping[str, Any]) -> Set:
 
 
 def write_model(path: Path, model: Model, notes: Notes | None = None, digits: int | None = None) -> None:
-    """Write a model file from which `load_model` reads exactly ``model``, or its numbers rounded to ``digits``.
+    """Write a model file. `load_model` reads exactly ``model`` from it, or its numbers rounded to ``digits``.
 
-    ``notes`` become comments: by parameter for changes (under ``change``), by sensor for each property of them, by
-    quantity for each effect and surface. Raises OSError.
+    ``notes`` become comments. Those of changed parameters are in the table ``change``; sensor properties, effects and
+    surfaces have their own table. Raises OSError if the file cannot be written.
     """
     path.write_text("\n".join(_lines(model, notes or {}, digits)) + "\n", encoding="utf-8", newline="\n")
 
@@ -200,7 +203,9 @@ def _rows(value: Any) -> str:
 
 
 def _written(name: str, value: Any, digits: int | None) -> Any:
-    """Return the numbers of a change as texts: for sensors each in a suitable unit, otherwise all in one unit."""
+    """Return the numbers of a change as texts with units. All elements have the same unit, but sensors each have
+    their own.
+    """
     largest = 0.0 if name in _BY_SENSOR else float(np.abs(value).max())
 
     def written(number: float, _: str, unit: str) -> str:
@@ -210,7 +215,7 @@ def _written(name: str, value: Any, digits: int | None) -> Any:
 
 
 def _map_numbers(name: str, value: Any, change: Callable[[Any, str, str], Any]) -> Any:
-    """Apply ``change(element, its name in messages, its SI unit)`` to every number of a change."""
+    """Return a change with every number replaced by ``change(number, name for messages, SI unit)``."""
     if name not in _BY_SENSOR:
         return _nested(value, lambda element: change(element, name, _UNITS[name]))
     units = sensor_units(_BY_SENSOR[name])

@@ -1,4 +1,4 @@
-"""The sensors' part of a parameter file: one table per kind of sensor, one entry per property of all sensors."""
+"""The sensors in a parameter file. The file has one table per kind of sensor; the set has one entry per property."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -30,12 +30,12 @@ _HEALTHY: Final = "healthy"
 
 
 def _rate(si: str) -> str:
-    """Return the SI unit of a drift."""
+    """Return the SI unit of the drift of a signal with the unit ``si``."""
     return {"m/s": "m/s2", "m/s2": "m/s3"}.get(si, f"{si}/s")
 
 
 def sensor_units(quantity: Quantity) -> dict[str, str]:
-    """Return the SI unit of one property of each sensor, by the sensor's name in small letters."""
+    """Return the SI unit of one property for each sensor, by the sensor's name in lower case."""
     return {
         member.name.lower(): {"signal": signal, "signal/s": _rate(signal)}.get(quantity.unit, quantity.unit)
         for signal, members in SENSOR_KINDS.values()
@@ -44,7 +44,7 @@ def sensor_units(quantity: Quantity) -> dict[str, str]:
 
 
 def sensor_entries(group: Group) -> dict[str, Entry]:
-    """Return all properties of the simulated sensors of a group, from its row in the table of groups."""
+    """Return the default properties of the simulated sensors of a group, from its row in the table of groups."""
     row = group.row
     of_converter = "16-bit converter over its range, rounded"
     drawn = "as designed; a rig as built draws it within the accuracy"
@@ -70,9 +70,9 @@ def sensor_entries(group: Group) -> dict[str, Entry]:
 
 
 def read_sensors(tables: Mapping[str, Any]) -> dict[str, Entry]:
-    """Gather the kinds of sensor into one entry per property, each with an element per sensor.
+    """Return one entry for each sensor property, with an element for each sensor.
 
-    Missing properties are those of `sensor_entries`.
+    Properties that are missing in ``tables`` are those of `sensor_entries`.
     """
     properties = {quantity.name.removeprefix("sensor_"): quantity for quantity in SENSOR_QUANTITIES}
     for kind, table in tables.items():

@@ -16,7 +16,9 @@ _KNOWN: Final = {quantity.name: quantity for quantity in CAR_QUANTITIES}
 
 @dataclass(frozen=True, eq=False)
 class VehicleParameters:
-    """A complete, immutable set; `with_values` returns changed copies. ``record`` is for compiled code."""
+    """A complete, immutable parameter set of a vehicle. `with_values` returns changed copies. Compiled code reads
+    ``record``.
+    """
 
     name: str
     entries: Mapping[str, Entry]
@@ -32,7 +34,7 @@ class VehicleParameters:
         object.__setattr__(self, "record", array.view(np.recarray)[0])
 
     def with_values(self, **changes: ArrayLike) -> "VehicleParameters":
-        """Return a copy with some values changed (SI); raises `ParameterError` for an invalid change."""
+        """Return a copy with some values changed (SI). Raises `ParameterError` for an invalid change."""
         entries = dict(self.entries)
         for name, change in changes.items():
             if name not in entries:
@@ -42,9 +44,9 @@ class VehicleParameters:
 
 
 def load_vehicle(name: str | Path = "vehicle") -> VehicleParameters:
-    """Read a vehicle from a file of this package, by its name, or from a path.
+    """Return the parameters of a vehicle, by the name of a file of this package, or by a path.
 
-    Raises `ParameterError`, which names the file.
+    Raises `ParameterError`, whose text names the file.
     """
     path, tables = read_toml(name, ("vehicle",), "vehicle")
     try:

@@ -1,1 +1,3 @@
-"""The simulated rig with its buses, but without sockets: states, interlocks, tick, CAN frames and Modbus registers."""
+"""The simulated rig with states, interlocks, tick, CAN frames and Modbus registers. Network connections
+are separate.
+"""

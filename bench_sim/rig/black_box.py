@@ -1,8 +1,8 @@
-"""The black box: readings and actions of the bench in the ten seconds before and after its first trip or fault.
+"""The black box: records readings and events of the bench in the ten seconds before and after a trip or fault.
 
-The tick writes every sample to a ring buffer. When the second ten seconds are over, the buffer becomes the record of
-the incident. The record stays until the next incident after a reset. It is read as Modbus files (function 20). File 1
-describes the incident, each other file holds the samples of one channel (see `bench_protocol.black_box`).
+The tick writes every sample to a ring buffer. Ten seconds after the trip, the buffer is copied to the record of the
+incident. The record stays until the next incident after a reset. It is read as Modbus files (function 20). File 1
+describes the incident, and each other file contains the samples of one channel (see `bench_protocol.black_box`).
 """
 
 from collections import deque
@@ -33,7 +33,9 @@ _BOX: Final = np.dtype(
 
 
 class Tape(NamedTuple):
-    """The buffer that the tick writes: the latest samples of all channels, in steps of their signals."""
+    """The buffer that the tick writes: the latest samples of all channels, as integer multiples of the signal's
+    resolution.
+    """
 
     box: npt.NDArray[np.void]  #: one record
     samples: npt.NDArray[np.int16]  #: (_ROOM, channels)
@@ -43,7 +45,7 @@ class Tape(NamedTuple):
 
 @compiled
 def write_sample(tape: Any, values: Any) -> int:
-    """Write one sample of all channels; return whether the record of an incident is complete with it."""
+    """Write one sample of all channels. Return `Happened.RECORDED` if it completes the record of an incident."""
     box = tape.box[0]
     place = box.written % _ROOM
     for channel in range(tape.rows.size):
@@ -59,7 +61,7 @@ def write_sample(tape: Any, values: Any) -> int:
 
 
 class BlackBox:
-    """The black box of one rig: armed, recording an incident, or keeping one."""
+    """The black box of one rig. It waits for an incident, records one, or keeps the record of one."""
 
     def __init__(self) -> None:
         self.tape = Tape(
@@ -84,8 +86,8 @@ class BlackBox:
         self._events.append(IncidentEvent(tick, text))
 
     def trigger(self, tick: int, cause: str, signal: str = "") -> None:
-        """Begin the record of an incident unless there was one since the last reset; ``signal`` is the one whose limit
-        tripped.
+        """Start the record of an incident, unless there was one since the last reset. ``signal`` is the one that
+        exceeded its limit.
         """
         if self._armed and self._box["trigger"] < 0:
             self._armed = False
@@ -93,11 +95,11 @@ class BlackBox:
             self._tick, self._cause, self._signal = tick, cause, signal
 
     def rearm(self) -> None:
-        """Allow the next incident to replace this one, after a reset."""
+        """Allow the next incident to replace the kept record. This is called after a reset."""
         self._armed = True
 
     def keep(self) -> None:
-        """Make the record of the incident, after its second ten seconds."""
+        """Copy the buffer to the record of the incident, ten seconds after the trip."""
         box, tape = self._box, self.tape
         written, trigger = int(box["written"]), int(box["trigger"])
         first = max(0, trigger - BEFORE)
@@ -111,7 +113,7 @@ class BlackBox:
         box["trigger"] = -1
 
     def read_file(self, number: int) -> list[int]:
-        """Return the registers of one file; empty if there is none."""
+        """Return the Modbus registers of one file. The list is empty if there is no such file."""
         if not self._files:
             incident = self._kept or Incident(0, 0, 0, np.zeros((len(CHANNELS), 0), np.int16), "", CHANNELS)
             if self._kept is not None:

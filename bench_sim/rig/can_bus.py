@@ -1,4 +1,6 @@
-"""The CAN bus between the rig and its server: a chain of stages that processes every block of frames, both ways."""
+"""The CAN bus between the rig and its server: a chain of stages that process every block of frames, in both
+directions.
+"""
 
 import threading
 from collections.abc import Callable, Iterable
@@ -13,10 +15,10 @@ RIG: Final = "rig"
 
 
 class Stage:
-    """Processing of frames between a sender and all receivers: a fault, the bit rate of the bus, or a recording.
+    """Processes frames between a sender and all receivers: a fault, the bit rate of the bus, or a recording.
 
-    A stage owns the block that it is given: it may change it in place, keep it, or return a longer or shorter one.
-    Times (ns) are on the clock of the time stamps. This base class changes nothing.
+    A stage owns the block that it receives: it may change the block in place, keep it, or return a longer or shorter
+    one. Times (ns) are on the clock of the time stamps. This base class changes nothing.
     """
 
     #: Order of the stages, for every sender; stages of equal rank keep the order in which they were added.
@@ -26,17 +28,19 @@ class Stage:
     RECORD: Final = 2
 
     def outgoing(self, block: Block, now: int) -> Block:
-        """Return the frames to pass on now, for a block that the rig sends."""
+        """Return the frames to pass on now, for a ``block`` that the rig sends."""
         del now
         return block
 
     def incoming(self, block: Block, peer: str, now: int) -> Block:
-        """Return the frames to pass on now, for a block that ``peer`` sends."""
+        """Return the frames to pass on now, for a ``block`` that ``peer`` sends."""
         del peer, now
         return block
 
     def due(self, now: int) -> Iterable[tuple[Block, str]]:
-        """Return the kept blocks to pass on now, with the names of their senders; called every millisecond."""
+        """Return the kept blocks that are to be passed on now, with the names of their senders. Called every
+        millisecond.
+        """
         del now
         return ()
 
@@ -50,7 +54,7 @@ class Stage:
 
 
 class CanServer(Protocol):
-    """Server that sends the frames of the bus to other programs."""
+    """A server that sends the frames of the bus to other programs."""
 
     def publish(self, block: Block) -> None:
         """Send frames of the rig to all clients."""
@@ -60,10 +64,10 @@ class CanServer(Protocol):
 
 
 class CanBus:
-    """Passes frames between the rig and a server; an empty chain costs no time.
+    """Passes frames between the rig and a server, through the stages. Without stages it costs almost no time.
 
-    ``receive(block, peer)`` passes frames to the rig. ``now()`` is the time of the time stamps (ns). ``clock`` polls
-    stages that keep frames every millisecond. Thread-safe.
+    ``receive(block, peer)`` passes frames to the rig. ``now()`` is the time of the time stamps (ns). If a stage keeps
+    frames for later, ``clock`` polls the stages every millisecond. Thread-safe.
     """
 
     def __init__(self, receive: Callable[[Block, str], None], clock: Clock, now: Callable[[], int]) -> None:
@@ -74,7 +78,7 @@ class CanBus:
         self._ticking: Task | None = None
 
     def connect(self, server: CanServer) -> None:
-        """Send the frames of the rig, and kept frames, through ``server`` from now on."""
+        """Use ``server`` from now on to send the frames of the rig, and frames that stages have kept."""
         self._server = server
 
     def add(self, stage: Stage) -> None:
@@ -85,7 +89,7 @@ class CanBus:
                 self._ticking = self._clock.every(TICK_NS, self.poll)
 
     def remove(self, stage: Stage) -> None:
-        """Remove ``stage``; the frames that it kept are lost. Raises ValueError if it is not in the chain."""
+        """Remove ``stage``. The frames that it has kept are lost. Raises ValueError if it is not in the chain."""
         with self._lock:
             if stage not in self._stages:
                 raise ValueError(f"{type(stage).__name__} is not on the bus, so it cannot be removed")
@@ -109,14 +113,16 @@ class CanBus:
             self._send(self._through(self._stages, block, RIG), RIG)
 
     def carry(self, block: Block, peer: str) -> Block:
-        """Return the frames to pass on now, for a block that ``peer`` sends; the server sends them to other clients."""
+        """Return the frames of ``peer`` after all stages, to be passed on now. The server sends them to the other
+        clients.
+        """
         if not self._stages:
             return block
         with self._lock:
             return self._through(self._stages, block, peer)
 
     def take(self, block: Block, peer: str) -> None:
-        """Pass frames of ``peer`` to the rig, from a server whose other clients have received them already."""
+        """Pass frames of ``peer`` to the rig. This is for a server whose other clients have received them already."""
         block = self.carry(block, peer)
         if block.size:
             self._receive(block, peer)
@@ -127,7 +133,7 @@ class CanBus:
             stage.forget(peer)
 
     def poll(self) -> None:
-        """Pass on the kept frames of the stages that are due."""
+        """Pass on the kept frames whose time has come."""
         received: list[tuple[Block, str]] = []
         with self._lock:
             stages, now = self._stages, self._now()
@@ -144,12 +150,12 @@ class CanBus:
 
     @property
     def staged(self) -> bool:
-        """Whether there are stages on the bus."""
+        """Whether the bus has any stages."""
         return bool(self._stages)
 
     @property
     def _keeping(self) -> bool:
-        """Whether one of the stages keeps frames for later."""
+        """Whether any of the stages can keep frames for later."""
         return any(type(stage).due is not Stage.due for stage in self._stages)
 
     def _through(self, stages: tuple[Stage, ...], block: Block, peer: str) -> Block:

@@ -72,7 +72,7 @@ class _CanClient(Connection):
 
     @property
     def throttled(self) -> bool:
-        """Whether the client has exceeded its share, so that reading from it pauses."""
+        """Whether the hub reads nothing from this client at present, because it has sent more than its share."""
         return self._waking is not None
 
     def data_received(self, data: bytes) -> None:
@@ -81,7 +81,7 @@ class _CanClient(Connection):
             self._read()
 
     def _read(self) -> None:
-        """Process received bytes, one portion at a time, and pause if the client has exceeded its share."""
+        """Process the received bytes in portions. Pause if the client has sent more than its share."""
         self._waking = None
         assert self.transport is not None
         while self._unread and not self.transport.is_closing():
@@ -96,7 +96,7 @@ class _CanClient(Connection):
         self.transport.resume_reading()
 
     def _process_lines(self, data: bytes) -> int:
-        """Process the lines in ``data``; return their number."""
+        """Process the lines in ``data``. Return the number of frames and other lines."""
         lines = 0
         for event in self._parser.feed(data):
             lines += event.block.size if isinstance(event, socketcand.Sent | socketcand.Received) else 1
@@ -145,7 +145,7 @@ class _CanClient(Connection):
             self.transport.write(data)
 
     def send(self, count: int, lines: bytes) -> None:
-        """Send ``count`` frames now or queue them; if the queue is full, the oldest are dropped."""
+        """Send ``count`` frames now or queue them. If the queue is full, the oldest frames are dropped."""
         if not self._raw:
             return
         if not (self._blocked or self._settling):
@@ -181,21 +181,23 @@ class _CanClient(Connection):
 
 
 class CanHub:
-    """A CAN bus on TCP, compatible with socketcand: every client receives every frame except its own, all in one order.
+    """A CAN bus on TCP, compatible with socketcand. Every client receives every frame except its own, all in the same
+    order.
 
-    ``on_frames(block, peer)`` receives the frames of clients, stamped at ingress with ``now()`` (ns).
-    ``on_peer_lost(peer)`` is called for every client that leaves. ``carry(block, peer)`` returns the frames of a client
-    after the effects of the bus, before any client receives them. ``publish`` and ``relay`` may be called from any
+    ``on_frames(block, peer)`` receives the frames of clients, with the time of arrival by ``now()`` (ns).
+    ``on_peer_lost(peer)`` is called for every client that leaves. ``carry(block, peer)`` returns the frames of a
+    client as the bus passes them on, before any client receives them. ``publish`` and ``relay`` may be called from any
     thread.
 
-    Each client has a queue of ``queue_max`` frames behind the socket's own buffers; when it is full the oldest frames
-    are dropped and counted in ``dropped``. A client that has not caught up for ``slow_limit`` s is disconnected.
+    Each client has a queue of ``queue_max`` frames in addition to the socket's own buffers. When it is full, the
+    oldest frames are dropped and counted in ``dropped``. A client that is too slow for ``slow_limit`` s is
+    disconnected.
 
-    All clients together may send ``frames_per_second``, which is more than a bus of 1 Mbit/s carries. Each has the same
-    share. If a client sends more, the hub reads from it later. So a flood delays its sender, not the commander, and no
-    frame is lost. The holder of the bench has a separate share.
+    All clients together may send ``frames_per_second``, which is more than a bus of 1 Mbit/s carries. Each client has
+    the same share. If a client sends more, the hub reads from it later. So a flood of frames delays only its sender,
+    and no frame is lost. The commander has a separate share.
 
-    One place beyond ``clients_max`` is reserved for the client for which ``holds(peer)`` is true.
+    One connection beyond ``clients_max`` is reserved for the client for which ``holds(peer)`` is true.
     """
 
     def __init__(
@@ -240,16 +242,17 @@ class CanHub:
         return tuple(client.name for client in self._clients)
 
     def publish(self, block: Block) -> None:
-        """Send ``block`` to every client, in the order of the calls; thread-safe, formats and sends in another thread.
+        """Send ``block`` to every client, in the order of the calls. Thread-safe: the thread of the hub formats and
+        sends it.
 
-        It wakes the loop's thread, which then needs the interpreter lock, so call it at the end of a tick.
-        The hub keeps a reference until it is sent: do not write into the array afterwards.
-        Before the hub is open and after it has been closed, frames are discarded, as on a bus without nodes.
+        The call wakes that thread, which then needs the interpreter lock, so call it at the end of a tick. The hub
+        keeps a reference to ``block`` until it is sent: do not write to the array afterwards. Before the hub is open
+        and after it has been closed, frames are discarded, as on a bus without nodes.
         """
         self.relay(block, "")
 
     def relay(self, block: Block, peer: str) -> None:
-        """Send ``block`` like `publish`, except to its sender, the client ``peer``."""
+        """Send ``block`` like `publish` to every client except its sender ``peer``."""
         if block.dtype != FRAME:
             raise TypeError(
                 f"block = array of {block.dtype} is not a frame block (bench_protocol.frames.FRAME)"
@@ -267,11 +270,11 @@ class CanHub:
                 loop.call_soon_threadsafe(self._flush)
 
     def cut(self) -> None:
-        """Close all connections and refuse new ones until `restore`; from any thread."""
+        """Close all connections and refuse new ones until `restore`. Callable from any thread."""
         self._soon(self.close)
 
     def restore(self) -> None:
-        """Accept clients again; from any thread."""
+        """Accept clients again. Callable from any thread."""
         if self._home is not None:
             self._soon(partial(self.open, self._home))
 
@@ -291,7 +294,7 @@ class CanHub:
             client.drop()
 
     def client(self) -> asyncio.Protocol:
-        """Return the protocol of a new connection."""
+        """Return the protocol object of a new connection."""
         return _CanClient(self)
 
     def admit(self, client: _CanClient) -> bool:
@@ -302,14 +305,14 @@ class CanHub:
             self._on_peer_lost(client.name)
 
     def time_per_frame(self, client: _CanClient) -> float:
-        """Return the time (s) of one frame of ``client`` in its share."""
+        """Return the time (s) that one frame of ``client`` uses of its share."""
         if self._holds is not None and self._holds(client.name):
             return 1.0 / self._frames_per_second
         sharing = 1 + sum(other.throttled for other in self._clients if other is not client)
         return sharing / self._frames_per_second
 
     def take(self, block: Block, sender: _CanClient) -> None:
-        """Stamp the frames of ``sender`` and pass them on."""
+        """Set the time stamps of the frames from ``sender``, and pass the frames on."""
         self._flush()  # frames that were published earlier are sent first
         block["time"] = self._now()
         block = self._carry(block, sender.name)

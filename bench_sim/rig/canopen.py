@@ -1,8 +1,9 @@
 """CANopen node of the rig, independent of the bus: boot-up, NMT, heartbeats, SYNC, and an SDO server for its objects.
 
-NMT and SDO frames carry no token. While the lease has a holder, NMT commands are refused and counted, and so are SDO
-writes that do not follow a write of the token by the holder. Without a holder they change only the communication of the
-node, never the motion of the bench. When the holder changes, the node returns to its state after booting.
+NMT and SDO frames carry no token. While the lease has a holder, NMT commands are refused and counted. SDO writes are
+refused too, unless the holder has written the token before. Without a holder, NMT and SDO change only the
+communication of the node, never the motion of the bench. When the holder changes, the node returns to its state after
+booting.
 """
 
 from collections.abc import Callable, Sequence
@@ -53,21 +54,23 @@ _TICKS_PER_MS: Final = 1_000_000 // TICK_NS
 
 
 class CanopenHost(NodeHost, Protocol):
-    """Interface of the rig for its node."""
+    """The methods of the rig that its node uses."""
 
     def send(self, block: Block) -> None:
-        """Send frames outside of the tick."""
+        """Send frames at once, outside of the tick."""
 
     def heartbeat_lost(self) -> None:
-        """Handle the loss of the heartbeat of the commander."""
+        """Handle the missing heartbeat of the commander."""
 
     def heartbeat_back(self) -> None:
-        """Handle a heartbeat that has returned, or is no longer expected."""
+        """Handle a heartbeat that has returned, or that is no longer expected."""
 
 
 class CanopenNode:
-    """The node. ``controls`` are those of the tick; ``timed`` are arrays with the rows of messages that the tick sends
-    periodically, with -1 for a message that is not sent.
+    """The CANopen node of the rig. ``controls`` are those of the tick.
+
+    ``timed`` has one array for each period: the table rows of the messages that the tick sends. The node sets a row to
+    −1 if its message is not to be sent.
     """
 
     def __init__(
@@ -100,12 +103,12 @@ class CanopenNode:
         return int(self._controls["node_state"]) == NmtState.OPERATIONAL
 
     def start(self) -> None:
-        """Restore the state after booting, without a boot-up message, because the bench has a new holder or none."""
+        """Set the state after booting, without a boot-up message. Called when the bench has another holder or none."""
         if not self.operational or self.objects.parameters != DEFAULTS:
             self._restore()
 
     def concerns(self, block: Block) -> bool:
-        """Return whether ``block`` has frames that the node must handle before the tick reads the others."""
+        """Return whether the node must handle ``block`` before the tick reads the other frames."""
         return not self.operational or bool(self._own(block).any())
 
     def _own(self, block: Block) -> npt.NDArray[np.bool_]:
@@ -114,7 +117,7 @@ class CanopenNode:
         return mine & (block["id"] <= STANDARD_ID_MAX)
 
     def receive(self, block: Block, peer: str) -> Block:
-        """Handle the frames of ``peer`` that are for the node; return the others."""
+        """Handle the frames of ``peer`` that are for the node, and return the others."""
         self.objects.peer = peer
         mine = self._own(block)
         own, block = block[mine], block[~mine]
@@ -184,7 +187,9 @@ class CanopenNode:
         self._plan()
 
     def _plan(self) -> None:
-        """Select the periodic messages of the tick, without those that wait for SYNC or for the start of the node."""
+        """Select the periodic messages of the tick. Messages that wait for SYNC, or for the start of the node, are
+        left out.
+        """
         for (rows, all_rows), period in zip(self._timed, (FAST, MEDIUM, SLOW), strict=True):
             timed = [self._transmission_type(row) in EVENT_DRIVEN for row in all_rows.tolist()]
             waited = rows < 0
@@ -193,14 +198,14 @@ class CanopenNode:
             self._encoder.counters[rows[waited & (rows >= 0)]] = int(self._controls["tick"]) // period % 256
 
     def _transmission_type(self, row: int) -> int:
-        """Return the transmission type of the TPDO with this message; 0 if it is not sent."""
+        """Return the transmission type of the TPDO with this message, or 0 if the TPDO is not sent."""
         parameters = self.objects.parameters
         if parameters[TPDOS[row], PDO_COB_ID] & NOT_VALID:
             return 0
         return parameters[TPDOS[row], TRANSMISSION_TYPE]
 
     def _configure(self) -> None:
-        """Apply the parameters to the tick."""
+        """Apply the node's communication parameters to the tick."""
         c, parameters = self._controls, self.objects.parameters
         self._plan()
         period = parameters[HEARTBEAT_PRODUCER, 0] * _TICKS_PER_MS
@@ -226,7 +231,7 @@ class CanopenNode:
     # -- heartbeat, SYNC, SDO ------------------------------------------------------------------------------------
 
     def _on_heartbeat(self, data: bytes) -> None:
-        """Restart the timeout of the heartbeat; the first heartbeat, or a boot-up message, starts the monitoring."""
+        """Restart the timeout of the heartbeat. The first heartbeat or boot-up message starts the monitoring."""
         if len(data) == 1:
             _, time = consumed(self.objects.parameters[HEARTBEAT_CONSUMER, 1])
             if self._controls["guard_due"] == _NEVER:
@@ -234,7 +239,9 @@ class CanopenNode:
             self._controls["guard_due"] = self._controls["tick"] + time * _TICKS_PER_MS
 
     def _on_sync(self, data: bytes) -> None:
-        """Send the PDOs of this SYNC; a second SYNC in one sampling period is ignored, as the values are the same."""
+        """Send the PDOs of this SYNC. A second SYNC in one sampling period is ignored, because the values would be
+        the same.
+        """
         del data  # the counter that some producers add
         sample = int(self._controls["tick"]) // FAST
         if not self.operational or sample == self._sync_sample:

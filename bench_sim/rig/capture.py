@@ -1,4 +1,4 @@
-"""A capture of all frames of the CAN bus, into a file, a named pipe, or to live readers."""
+"""A capture of all frames of the CAN bus, to a file, a named pipe, or live readers."""
 
 import contextlib
 import os
@@ -22,7 +22,7 @@ _PATIENCE: Final = 1.0  # s, for the writing thread at the end
 
 
 class Tap:
-    """The queue of one reader: frames since its last read, as pcapng."""
+    """The queue of one reader. It contains the frames since the last read, and returns them in the format pcapng."""
 
     def __init__(self, bus: str, waiting_max: int = WAITING_MAX) -> None:
         self._waiting: deque[tuple[Block, bool]] = deque()
@@ -33,7 +33,7 @@ class Tap:
         self.dropped = 0
 
     def put(self, block: Block, *, outbound: bool) -> None:
-        """Queue ``block`` for the reader; if the reader is too slow, the oldest frames are dropped."""
+        """Queue ``block`` for the reader. If the queue is full, the oldest frames are dropped and counted."""
         with self._lock:
             self._waiting.append((block, outbound))
             self._frames += block.size
@@ -43,7 +43,7 @@ class Tap:
                 self.dropped += lost.size
 
     def read(self) -> bytes:
-        """Return the bytes after those read so far; the first call also returns the file header."""
+        """Return all bytes since the last call. The first call also returns the file header."""
         with self._lock:
             waiting, self._waiting, self._frames = self._waiting, deque(), 0
         parts = [packet_bytes(block, outbound=outbound) for block, outbound in waiting]
@@ -53,12 +53,12 @@ class Tap:
         return b"".join(parts)
 
     def end(self) -> bytes:
-        """Return the last bytes, with the number of missing frames."""
+        """Return the last bytes of the capture, which state the number of dropped frames."""
         return self.read() + statistics_bytes(wall_time_ns(), self.dropped)
 
 
 class Capture(Stage):
-    """Passes a copy of every frame on the bus to any number of readers; without a reader it takes hardly any time."""
+    """Passes a copy of every frame on the bus to any number of readers. Without readers it takes almost no time."""
 
     rank = Stage.RECORD
 
@@ -67,13 +67,13 @@ class Capture(Stage):
         self._taps: tuple[Tap, ...] = ()
 
     def tap(self) -> Tap:
-        """Return the queue of a new reader, with all frames from now on."""
+        """Add a reader and return its queue, which receives all frames from now on."""
         tap = Tap(self.bus)
         self._taps += (tap,)
         return tap
 
     def release(self, tap: Tap) -> None:
-        """Stop the queue ``tap``."""
+        """Remove the reader with the queue ``tap``."""
         self._taps = tuple(one for one in self._taps if one is not tap)
 
     def outgoing(self, block: Block, now: int) -> Block:
@@ -90,10 +90,10 @@ class Capture(Stage):
 
 
 class CaptureFile:
-    """Writes the frames of ``capture`` to ``path`` in its own thread, until ``close``.
+    """Writes the frames of ``capture`` to the file ``path`` in a separate thread, until ``close``.
 
-    At a named pipe it waits for a reader, and after each reader for the next one. ``complain(reason)`` is called if the
-    file can no longer be written. Raises OSError with a text if it cannot be opened.
+    For a named pipe it waits for a reader, and after each reader for the next one. ``complain(reason)`` is called if
+    the file can no longer be written. Raises OSError if the file cannot be opened.
     """
 
     def __init__(self, capture: Capture, path: Path, complain: Callable[[str], None]) -> None:
@@ -105,7 +105,7 @@ class CaptureFile:
         self._thread.start()
 
     def close(self) -> None:
-        """Write the remaining frames and end."""
+        """Write the remaining frames and end the thread."""
         self._closing.set()
         self._thread.join(_PATIENCE)
 
@@ -142,7 +142,9 @@ class CaptureFile:
         file.write(tap.end())
 
     def _when_read(self) -> BinaryIO | None:
-        """Return the named pipe when a reader opens it; None if no reader opens it before the end."""
+        """Wait until a reader opens the named pipe, and return the open pipe. Return None if `close` is called
+        before.
+        """
         while not self._closing.is_set():
             with contextlib.suppress(OSError):
                 descriptor = os.open(self._path, os.O_WRONLY | os.O_NONBLOCK)

@@ -51,25 +51,25 @@ class _Reader(Connection):
 
 
 class CaptureServer:
-    """Sends every client the frames of ``capture`` from its connection on, as pcapng."""
+    """Sends the frames of ``capture`` to every client as pcapng, from the moment of its connection on."""
 
     def __init__(self, capture: Capture) -> None:
         self.capture = capture
         self._readers: dict[_Reader, None] = {}
 
     def client(self) -> asyncio.Protocol:
-        """Return the protocol of a new connection."""
+        """Return the protocol object of a new connection."""
         return _Reader(self)
 
     def admit(self, reader: _Reader) -> bool:
-        """Return whether there is a place left for ``reader``."""
+        """Add ``reader`` and return True, or return False if too many readers are connected."""
         if len(self._readers) >= _CLIENTS_MAX:
             return False
         self._readers[reader] = None
         return True
 
     def forget(self, reader: _Reader) -> None:
-        """Free the place of ``reader``."""
+        """Remove ``reader`` from the connected readers."""
         self._readers.pop(reader, None)
 
     def close(self) -> None:

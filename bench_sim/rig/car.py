@@ -1,4 +1,6 @@
-"""A car in the tick: measured forces of the springs move it, and the actuators move the springs accordingly."""
+"""A simulated car in the tick of the rig: the measured spring forces move it, and the actuators move the springs
+accordingly.
+"""
 
 from collections.abc import Mapping
 from typing import Any, Final
@@ -35,7 +37,7 @@ _SHEAR, _HEIGHT, _ROLL, _ACCELERATION, _RISING, _BUMP_STOP, _WIND = _ROWS
 
 @compiled
 def _leave(c: Any, program: int) -> None:
-    """End the ride: the set-points take over its offsets, and return to their goals."""
+    """End the ride: the offsets are added to the set-points, which then return to their goals within a second."""
     c.program = program
     c.riding = 0
     for row in range(TARGETS):
@@ -46,7 +48,7 @@ def _leave(c: Any, program: int) -> None:
 
 @compiled
 def _feel(c: Any, mem: Any, par: Any, faults: Any, readings: Any) -> None:
-    """Read the load cells in this tick, with the faults of sensors."""
+    """Read the load cells in this tick, including simulated sensor faults."""
     car = c.car
     if faults.counts[0] != 0:  # a cell may read what another sensor does
         for k in range(SENSORS):
@@ -58,7 +60,7 @@ def _feel(c: Any, mem: Any, par: Any, faults: Any, readings: Any) -> None:
 
 @compiled
 def _place(c: Any, ahead: float) -> Any:
-    """Return shear, height and roll of the springs ``ahead`` s from now."""
+    """Return shear (m), height (m) and roll (rad) of the springs ``ahead`` s from now."""
     car = c.car
     wave = _wave(min(c.phase[0] + c.frequency[0] * ahead, c.cycles[0]))
     return _ahead(car, ahead, car.track_size[0] * wave, car.track_size[1] * wave, car.track_size[2] * wave)
@@ -66,7 +68,7 @@ def _place(c: Any, ahead: float) -> Any:
 
 @compiled
 def _follow(c: Any) -> bool:
-    """Set the offsets of the set-points for the car's position; return whether the actuators can reach them."""
+    """Set the offsets of the set-points to the position of the car. Return whether the actuators can reach them."""
     car = c.car
     for row in range(TARGETS):
         shear, height, roll = _place(c, car.lead[row])
@@ -86,9 +88,10 @@ def _follow(c: Any) -> bool:
 
 @compiled
 def ride(c: Any, mem: Any, par: Any, faults: Any, readings: Any) -> int:
-    """Advance the car of the program by one tick, under the forces of the tick before.
+    """Advance the car by one tick under the measured spring forces. Return the `Happened` events.
 
-    During the wait the load cells measure the springs at rest. A ride beyond the range of the actuators ends.
+    Before the ride, the load cells measure the springs at rest. If the motion exceeds the range of the actuators, the
+    ride ends.
     """
     if c.program != Program.RUN:
         return int(Happened.NOTHING.value)
@@ -121,7 +124,7 @@ def ride(c: Any, mem: Any, par: Any, faults: Any, readings: Any) -> int:
 
 @compiled
 def publish_car(c: Any, values: Any) -> None:
-    """Publish the motion of the car; NaN while none rides."""
+    """Write the motion of the car to ``values``; NaN if there is no ride."""
     if c.riding == 0 or c.waits > 0:
         for row in _ROWS:
             values[row] = np.nan
@@ -135,7 +138,9 @@ def publish_car(c: Any, values: Any) -> None:
 
 
 class Couplings:
-    """Matrices for a car on a bench of these ``dimensions``: from cells to forces, from positions to set-points."""
+    """Matrices for a car on a bench with these ``dimensions``: from load cells to spring forces, and from spring
+    positions to set-points.
+    """
 
     def __init__(self, dimensions: Mapping[str, float]) -> None:
         columns = np.array([column_of(dimensions, f"load_cell.{k + 1}") for k in range(CELLS)]).T
@@ -153,8 +158,8 @@ class Couplings:
         self.moved = self._to_targets.any(axis=1)
 
     def begin(self, c: Any, settings: Mapping[str, float]) -> bool:
-        """Set up the car of the ``settings`` (SI, by name) in the tick's controls; return False for invalid
-        settings.
+        """Write the car of the ``settings`` (SI, by name) to the tick's controls, and prepare its ride. Return False
+        for invalid settings.
         """
         own = {
             name.removeprefix("car."): value for name, value in settings.items() if name.startswith("car.")

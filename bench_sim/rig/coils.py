@@ -1,4 +1,4 @@
-"""The action of each coil of the rig, and the state behind each of its contacts."""
+"""The action of each Modbus coil of the rig, and the function that returns the state of each interlock contact."""
 
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -14,7 +14,9 @@ from bench_sim.rig.supervisor import Supervisor
 def coil_actions(
     supervisor: Supervisor, generator: FunctionGenerator, apply: Callable[[], bool]
 ) -> Mapping[str, Callable[[], bool]]:
-    """Return the action of each coil, which returns whether the state allowed it; ``apply`` applies staged settings."""
+    """Return the action of each coil, by name. An action returns whether the state of the rig allowed it. ``apply``
+    makes staged settings effective.
+    """
     return _of_every(
         Kind.ACTION,
         {
@@ -35,7 +37,9 @@ def coil_actions(
 
 
 def contacts(supervisor: Supervisor, staged: Callable[[], bool]) -> Mapping[str, Callable[[], bool]]:
-    """Return for each interlock a function that returns whether it is set; ``staged`` is that of staged settings."""
+    """Return for each interlock a function that returns whether it is set. ``staged`` returns whether settings are
+    staged.
+    """
     return _of_every(
         Kind.INTERLOCK,
         {
@@ -51,8 +55,8 @@ def contacts(supervisor: Supervisor, staged: Callable[[], bool]) -> Mapping[str,
 
 
 def _of_every(kind: Kind, functions: Mapping[str, Callable[[], bool]]) -> Mapping[str, Callable[[], bool]]:
-    """Return ``functions``, by the last part of the signal names. Raises ValueError unless there is one for
-    every signal of ``kind`` in the table.
+    """Return ``functions`` unchanged. Raises ValueError unless there is one for every signal of ``kind`` in the
+    table, by the last part of its name.
     """
     names = {signal.attribute[1] for signal in TABLE.of_kind(kind)}
     if different := names ^ functions.keys():

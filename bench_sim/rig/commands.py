@@ -1,8 +1,8 @@
-"""The effect of CAN commands on the controls of the tick: the accepted sender, and the set-points that are followed.
+"""Applies CAN commands to the controls of the tick: it accepts only the commander, and sets the goals of the set-
+points.
 
-Refused frames are counted.
-
-All of it is compiled and works on arrays, one block of frames from one sender at a time.
+Refused frames are counted. All functions are compiled and work on arrays, with one block of frames from one sender at
+a time.
 """
 
 from typing import Any, Final, NamedTuple
@@ -49,7 +49,7 @@ _IDENTIFIER_ROW: Final = TABLE.index["rig.stranger_identifier"]
 
 
 class Steering(NamedTuple):
-    """By table row: the target of a set-point (-1: none), its control mode (-1: any), and its range."""
+    """Data of the set-points by table row: target (-1: none), necessary control mode (-1: any), and range."""
 
     targets: npt.NDArray[np.int64]
     modes: npt.NDArray[np.int64]
@@ -58,7 +58,7 @@ class Steering(NamedTuple):
 
     @classmethod
     def of_table(cls) -> "Steering":
-        """Return the targets of the set-points of the table."""
+        """Return this data for the set-points of the signal table."""
         targets, modes = np.full((2, len(TABLE.signals)), -1, np.int64)
         steering = cls(targets, modes, frames_of_setpoints(), ranges())
         for target, name in enumerate(ACTUATORS):
@@ -106,11 +106,12 @@ class Receiving(NamedTuple):
 
 @compiled
 def _follow(c: Any, signals: Any, values: Any, steering: Steering, changes: Any) -> None:
-    """Apply the decoded samples of commands; changes of the control bits are added to ``changes``.
+    """Apply the decoded samples of commands. Changed control bits are added to ``changes``.
 
-    A set-point acts while the bench is ACTIVE and the axis is in its mode; NaN means "as before". If one set-point is
-    out of range, its whole frame is refused, because both sides must move together. The first set-point for shut-in
-    actuators waits for the supervisor, which engages them at their present position.
+    A set-point takes effect while the bench is ACTIVE and the axis is in the mode of the set-point. NaN means "no
+    change". If one set-point is out of range, the whole frame is refused, because both sides must move together. The
+    first set-point for actuators with closed valves waits for the supervisor, which engages them at their present
+    position.
     """
     accepted_from = 0
     for k in range(signals.size):
@@ -153,7 +154,7 @@ def _follow(c: Any, signals: Any, values: Any, steering: Steering, changes: Any)
 
 
 class Incoming(NamedTuple):
-    """The input of commands: the ring that receives, a buffer for its frames, and the decoder."""
+    """The input of commands: a ring buffer for received frames, a block for those of one tick, and the decoder."""
 
     ring: Ring
     block: Block  #: more frames than this in one tick wait for the next
@@ -164,7 +165,7 @@ class Incoming(NamedTuple):
 
     @classmethod
     def of(cls, decoder: Decoder) -> "Incoming":
-        """Return an empty ring before ``decoder``."""
+        """Return an empty input with this ``decoder``."""
         room = Receiving.of(decoder, _FRAMES_MAX)
         steering, changes = Steering.of_table(), np.zeros(_FRAMES_MAX, np.int64)
         return cls(
@@ -179,10 +180,10 @@ class Incoming(NamedTuple):
 
 @compiled
 def _prove(c: Any, block: Any, sender: int, published: Any) -> None:
-    """Make ``sender`` the commander if a Control message of its ``block`` carries the token.
+    """Make ``sender`` the commander if a Control message in its ``block`` carries the token.
 
-    Before this, only the holder has the token, from its Modbus connection. Afterwards every client of the bus can read
-    it, but it is valid for this sender only.
+    Before this, only the holder of the lease knows the token, from its Modbus connection. Afterwards every client of
+    the bus can read the token, but it is valid for this sender only.
     """
     for k in range(block.size):
         record = block[k]
@@ -199,9 +200,9 @@ def _prove(c: Any, block: Any, sender: int, published: Any) -> None:
 
 @compiled
 def _may_prove(c: Any, sender: int, token: int) -> bool:
-    """Return whether ``token`` makes ``sender`` the commander; store a wrong one.
+    """Return whether ``token`` makes ``sender`` the commander. A wrong token is counted for this sender.
 
-    If frames have no sender, guesses cannot be distinguished from commands and are not counted.
+    If frames have no sender, wrong tokens are not counted, because they cannot be distinguished from other commands.
     """
     if sender == 0:
         return bool(token == c.token)
@@ -220,9 +221,10 @@ def _may_prove(c: Any, sender: int, token: int) -> bool:
 
 @compiled
 def take_waiting(c: Any, incoming: Incoming, published: Any) -> int:
-    """Process the frames received since the last tick; return whether the supervisor must decide on them.
+    """Process the frames received since the last tick. Return `Happened.COMMANDED` if the supervisor must decide on
+    them.
 
-    Counts of refused frames are written to ``published`` (SI by table row); the caller holds the mutex.
+    Counts of refused frames are written to ``published`` (SI by table row). The caller must hold the mutex.
     """
     count = take(incoming.ring, incoming.block, incoming.senders)
     first = 0
@@ -238,9 +240,9 @@ def take_waiting(c: Any, incoming: Incoming, published: Any) -> int:
 
 @compiled
 def _take_block(c: Any, block: Any, sender: int, incoming: Incoming, published: Any) -> None:
-    """Process frames from one ``sender`` (`peers.sender_of`), stamped with the tick.
+    """Process frames from one ``sender`` (`peers.sender_of`), with the tick as their time stamp.
 
-    Only frames of the holder's own connection with its token have an effect.
+    Only frames from the commander's connection and with its token have an effect.
     """
     if c.token != 0 and c.commander < 0:
         _prove(c, block, sender, published)

@@ -1,4 +1,4 @@
-"""One TCP connection of a client to a server of the rig: the common part of CAN hub and Modbus server."""
+"""One TCP connection of a client to a server of the rig, the common base of CAN hub and Modbus server."""
 
 import asyncio
 import contextlib
@@ -21,11 +21,11 @@ _connections: Final = itertools.count(1)
 
 
 def ignore(_: str) -> None:
-    """Ignore a peer that has left."""
+    """Do nothing when a peer has left."""
 
 
 class Connection(asyncio.Protocol):
-    """One TCP connection to a client: its name, keep-alive so that a dead peer is noticed, and a timer that ends it."""
+    """One TCP connection to a client. It has a name, TCP keep-alive to detect a dead peer, and a timer that ends it."""
 
     kind: str
 
@@ -72,7 +72,7 @@ class Connection(asyncio.Protocol):
             self.drop()
 
     def spared(self) -> bool:
-        """Return whether the connection stays open after its time limit."""
+        """Return whether the connection stays open although its time limit has passed."""
         return False
 
     def stop_timer(self) -> None:
@@ -86,6 +86,6 @@ class Connection(asyncio.Protocol):
         return self._timer is not None
 
     def drop(self) -> None:
-        """End the connection without waiting for the peer to read the remaining bytes."""
+        """End the connection at once. Bytes that the peer has not read are lost."""
         if self.transport is not None:
             self.transport.abort()

@@ -1,7 +1,8 @@
-"""The control socket of a running rig: a Unix domain socket of its user, with one line in and one line out.
+"""The control socket of a running rig: a Unix domain socket for the user who runs it. Each line gets a line as
+answer.
 
-It is for actions that do not exist on a real bench, such as simulated faults. Its path follows from the address of the
-Modbus server, so that it can be found from the rig file. Only its user can access the directory.
+It is for actions that a real bench does not have, such as simulated faults. Its path follows from the address of the
+Modbus server, so programs can find it with the rig file. Only this user can access the directory.
 """
 
 import asyncio
@@ -23,12 +24,14 @@ _TOO_LONG: Final = b'{"error":"a line has at most 8192 bytes"}\n'
 
 
 def control_path(host: str, modbus_port: int) -> Path:
-    """Return the path of the control socket of the rig with this Modbus server."""
+    """Return the path of the control socket of the rig whose Modbus server has this address."""
     return own_folder() / f"{host.replace(':', '_')}-{modbus_port}.sock"
 
 
 def ask(path: Path, line: bytes, timeout: float = 5.0) -> bytes:
-    """Return the rig's answer to one line. Raises OSError without a rig, or without an answer within ``timeout`` (s).
+    """Send one line to the rig and return its answer. Raises OSError if there is no rig, or no answer within
+    ``timeout`` s.
+
     Raises PermissionError, before anything is sent, if the directory belongs to another user, because the answer could
     be forged.
     """
@@ -49,7 +52,7 @@ def ask(path: Path, line: bytes, timeout: float = 5.0) -> bytes:
 
 
 class ControlSocket:
-    """Answers lines by ``answer(line)``, in the thread of the servers; closing it removes the socket."""
+    """Answers each line with ``answer(line)``, in the thread of the servers. `close` removes the socket."""
 
     def __init__(self, answer: Callable[[bytes], bytes]) -> None:
         self.answer = answer
@@ -58,7 +61,7 @@ class ControlSocket:
         self._path: Path | None = None
 
     async def open(self, host: str, modbus_port: int) -> Path:
-        """Open the socket, for this user alone, and return its path. Raises OSError with a text."""
+        """Open the socket for this user alone, and return its path. Raises OSError with an explanation."""
         path = control_path(host, modbus_port)
         try:
             own_directory(path.parent)
@@ -143,7 +146,9 @@ def _unix_socket() -> socket.socket:
 
 
 def is_alive(path: Path) -> bool:
-    """Return whether a process listens at ``path``. A socket left by a killed rig is replaced."""
+    """Return whether a process listens at ``path``. The socket file of a killed rig remains, but nothing listens
+    there.
+    """
     try:
         with _unix_socket() as probe:
             probe.settimeout(0.5)

@@ -1,4 +1,6 @@
-"""The state of the tick as one record: set-points, generator, air control and watchdog, and its numbering."""
+"""The state of the tick as one record: set-points, generator, air control and watchdog. Also the periods
+of the tick.
+"""
 
 from dataclasses import asdict
 from enum import IntEnum, IntFlag
@@ -23,7 +25,7 @@ SLOW: Final = round(1.0 / (SLOW_RATE * TICK))
 #: Ticks without a valid command after which they count as late, and as lost.
 LATE_TICKS: Final = round(HOLD_AFTER / TICK)
 LOST_TICKS: Final = round(DISABLE_AFTER / TICK)
-#: Ticks of silence on both wires after which a commander loses the bench, even if its sockets are open.
+#: Ticks of silence on both buses after which a commander loses the bench, even if its connections are open.
 GONE_TICKS: Final = round(2 * s / TICK)
 #: Guessing a token: after so many wrong ones a connection can no longer command under this lease, and after so many
 #: such connections no other one can either. Together 80 tries of 65 533 tokens. A client that still sends the token
@@ -46,7 +48,7 @@ class Target(IntEnum):
 
 
 TARGETS: Final = len(Target)
-#: The transducer that controls the position of each of them.
+#: The transducer of each set-point's position control.
 HOLDING: Final = tuple(
     Sensor[target.name if target >= Target.PLATFORM_VERTICAL else f"{target.name}_DISPLACEMENT"]
     for target in Target
@@ -54,7 +56,7 @@ HOLDING: Final = tuple(
 
 
 class AirSupply(IntEnum):
-    """The actions of the air supply that the state of the bench allows."""
+    """How much the air supply may do in the present state of the bench."""
 
     SHUT = 0
     RESTRICTED = 1
@@ -73,7 +75,7 @@ class ControlBit(IntFlag):
 
 
 class Happened(IntFlag):
-    """Events that the state machine must decide on."""
+    """Events in a tick that the state machine must handle."""
 
     NOTHING = 0
     COMMAND_LATE = 1
@@ -81,15 +83,15 @@ class Happened(IntFlag):
     LIMIT = 4
     PROGRAM_DONE = 8
     ALARM = 16
-    WRITES_LOST = 32  #: the holder of the lease writes no more
+    WRITES_LOST = 32  #: the holder of the lease has stopped writing
     LEASE_LOST = 64  #: the holder is silent: a commander on both wires, or one without a connection
     NODE = 256  #: the CANopen node has something to do
     TICK_LOST = 128
     COMMANDED = 512  #: control bits have changed, or a user asks for the lease
     FAULT = 1024  #: a fault on purpose begins or ends
     SPRING_LOST = 8192  #: the computation of the springs has failed
-    RECORDED = 2048  #: the black box has the ten seconds after an incident
-    ASTRAY = 4096  #: a car in the loop wanted more than the actuators can do, or felt no force
+    RECORDED = 2048  #: the black box has recorded the ten seconds after an incident
+    ASTRAY = 4096  #: the ride of a car exceeded the range of the actuators, or had no force reading
 
 
 #: Load cells.

@@ -1,4 +1,4 @@
-"""Errors of the bench: each new error, and the end of all errors, sends one emergency message (CiA 301)."""
+"""Errors of the bench. Each new error, and the end of all errors, sends one emergency message (CiA 301)."""
 
 from collections import deque
 from collections.abc import Callable
@@ -23,8 +23,9 @@ _COMMUNICATION_CODES: Final = range(0x8100, 0x8200)
 class Emergencies:
     """The active errors and the history of errors.
 
-    Reasons with one code are one error: a commander that is late, lost or disconnected is missing in each case. It
-    writes the emergency's signals in ``values`` (SI, by table row) and calls ``on_message`` to send them.
+    Reasons with the same code are one error. For example, a late, a lost and a disconnected commander have the same
+    code. The object writes the signals of the emergency to ``values`` (SI, by table row), and calls ``on_message`` to
+    send them.
     """
 
     def __init__(self, values: npt.NDArray[np.float64], on_message: Callable[[], None]) -> None:
@@ -35,14 +36,14 @@ class Emergencies:
 
     @property
     def register(self) -> int:
-        """The error register of the node."""
+        """Return the CANopen error register."""
         register = 0
         for code, _ in self._active:
             register |= _GENERIC | (_COMMUNICATION if code in _COMMUNICATION_CODES else _MANUFACTURER)
         return register
 
     def report(self, reason: Reason, tripped: int = 0) -> None:
-        """Send an error, unless it is already active; ``tripped`` distinguishes limits, as in ``rig.tripped``."""
+        """Send an error, unless it is already active. ``tripped`` is the number of the limit, as in ``rig.tripped``."""
         code = EMERGENCY_CODES[reason]
         if (code, tripped) in self._active:
             return
@@ -51,7 +52,7 @@ class Emergencies:
         self._publish(reason)
 
     def settle(self, reason: Reason) -> None:
-        """Store that the error of ``reason`` has ended."""
+        """Mark the error of ``reason`` as ended. The end of the last active error is sent."""
         error = EMERGENCY_CODES[reason], 0
         if error in self._active:
             self._active.remove(error)
@@ -59,7 +60,7 @@ class Emergencies:
                 self._publish(Reason.NONE)
 
     def clear(self) -> None:
-        """Store that all errors have ended."""
+        """Mark all errors as ended, and send their end."""
         if self._active:
             self._active.clear()
             self._publish(Reason.NONE)

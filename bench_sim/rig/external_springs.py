@@ -1,7 +1,7 @@
-"""Springs of an external library in the tick: the calls of the library, the wait for it, and its failures.
+"""Springs of an external library in the tick: calls of the library, the wait for its answer, and its failures.
 
-Its functions are called by their addresses, in the rig's process or in a separate one (`serve`), without the
-interpreter.
+Library functions are called by their addresses, in the rig's process or in a separate one (`serve`), without the
+Python interpreter.
 """
 
 from enum import IntEnum
@@ -67,7 +67,7 @@ _step_3: Final = at_address(WORD, NUMBER, NUMBER, INT, WORD, WORD, WORD, WORD)
 
 @compiled
 def _values(e: Any, k: int, which: int, references: int, count: int, values: int) -> int:
-    """Set or get the reals of one instance; all arguments except its number are addresses."""
+    """Set or get the real variables of instance ``k``, and return the status. The last arguments are addresses."""
     one = e.instances
     if count == 0:
         return 0
@@ -78,7 +78,7 @@ def _values(e: Any, k: int, which: int, references: int, count: int, values: int
 
 @compiled
 def _fails(e: Any, status: int) -> bool:
-    """Store the result of the last call; return whether it failed (neither ok nor warning)."""
+    """Return whether the last call failed: its ``status`` is neither ok nor warning. Store the failure."""
     if status == 0 or status == 1:
         return False
     e.numbers[Slot.FAILED] = Failure.STATUS.value
@@ -94,7 +94,7 @@ def _note(e: Any, k: int, call: int) -> None:
 
 @compiled
 def _do_step(e: Any, k: int) -> int:
-    """Step one instance; return its status, or -1 if it has ended or stopped before the end of the step."""
+    """Step one instance. Return its status, or -1 if it requested the end or stopped before the end of the step."""
     one, clock = e.instances, e.clock
     if one[k, VERSION] == 2:
         return _step_2(one[k, STEP], (one[k, COMPONENT], clock[0], clock[1], 1))
@@ -113,7 +113,9 @@ def _do_step(e: Any, k: int) -> int:
 
 @compiled_once
 def call_instances(e: Any) -> None:
-    """Take one communication step of all instances: inputs, step, inputs at its end, outputs; store a failure."""
+    """Take one communication step of all instances: set inputs, step, set the inputs at its end, get outputs. Store a
+    failure.
+    """
     e.numbers[Slot.FAILED] = Failure.NONE.value
     for k in range(e.numbers[Slot.INSTANCES]):
         first, last = e.instances[k, INPUT], e.instances[k + 1, INPUT]
@@ -141,7 +143,7 @@ def call_instances(e: Any) -> None:
 
 @compiled
 def take_outputs(e: Any, k: int) -> bool:
-    """Get the outputs of one instance; False if it failed."""
+    """Get the outputs of one instance. Return False if it failed."""
     first, last = e.instances[k, OUTPUT], e.instances[k + 1, OUTPUT]
     references = e.output_references.ctypes.data + 4 * first
     _note(e, k, Call.GET.value)
@@ -158,7 +160,7 @@ def take_outputs(e: Any, k: int) -> bool:
 
 @compiled_entry
 def begin_outputs(e: Any, k: int) -> bool:
-    """Get the initial outputs of one instance; False if it failed."""
+    """Get the initial outputs of one instance. Return False if it failed."""
     good = take_outputs(e, k)
     know_outputs(e)
     return good
@@ -166,7 +168,7 @@ def begin_outputs(e: Any, k: int) -> bool:
 
 @compiled_once
 def _request_step(e: Any) -> None:
-    """Request the communication step from the library's process, and wait for it up to the time limit."""
+    """Request a communication step from the library's process, and wait for the answer up to the time limit."""
     n = e.numbers
     spare = n.ctypes.data + 8 * Slot.SPARE
     if not send_word(n[Slot.ASK], spare):
@@ -179,7 +181,7 @@ def _request_step(e: Any) -> None:
 
 @compiled_entry
 def timed_step(e: Any, spec: Any) -> int:
-    """Take one communication step; return its duration in ns. ``spec``: int64[2]."""
+    """Take one communication step. Return its duration in ns. ``spec`` (int64[2]) is working memory for the clock."""
     start = now(spec)
     call_instances(e)
     return int(now(spec) - start)
@@ -187,7 +189,9 @@ def timed_step(e: Any, spec: Any) -> int:
 
 @compiled_entry
 def serve(e: Any, asked: int, answers: int) -> None:
-    """In a separate process: take a communication step at each request on ``asked``, until the pipe is closed."""
+    """Take a communication step at each request on the pipe ``asked``, until the pipe is closed. For a separate
+    process.
+    """
     spare = np.zeros(1, np.int64)
     thread = leave_interpreter()
     while receive_word(asked, spare.ctypes.data):
@@ -199,7 +203,7 @@ def serve(e: Any, asked: int, answers: int) -> None:
 
 @compiled
 def _exchange(e: Any) -> None:
-    """Take one communication step, and store the springs' outputs at its end in SI."""
+    """Take one communication step. Store the outputs of the springs at its start and at its end in SI."""
     n = e.numbers
     e.clock[0] = n[Slot.STEPS] * e.clock[1]
     if n[Slot.APART] != 0:
@@ -218,8 +222,8 @@ def _exchange(e: Any) -> None:
 def step_around(
     e: Any, x: Any, mem: Any, u: Any, par: Any, dt: float, work: Any, out: Any, values: Any
 ) -> bool:
-    """Take a step like `bench_sim.model.kernel.step`, with external springs; return False after their failure (all is
-    at rest).
+    """Take a step like `bench_sim.model.kernel.step`, with external springs. After a failure return False; then only
+    the time advances.
     """
     n = e.numbers
     if n[Slot.FAILED] != 0:
@@ -247,7 +251,7 @@ def step_around(
 
 @compiled_once
 def observe_around(e: Any, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any, values: Any) -> None:
-    """Observe like `bench_sim.model.kernel.observe`, with external springs."""
+    """Compute the present readings like `bench_sim.model.kernel.observe`, with external springs."""
     n = e.numbers
     evaluate_around(0.0, x, mem, u, par, (e, n[Slot.TICK] / n[Slot.TICKS], 0.0), dx, out)
     true_values(x, mem, par, out, values)

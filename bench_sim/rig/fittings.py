@@ -1,4 +1,4 @@
-"""Parts that are changed by hand between runs: shims under the emergency springs, orifice plates, connecting pipes."""
+"""Parts that a person changes between runs: shims under the emergency springs, orifice plates, connecting pipes."""
 
 from collections.abc import Mapping
 from typing import Final, NamedTuple
@@ -21,19 +21,19 @@ _BORE: Final = TABLE["rig.orifice_diameter"]
 
 
 class Ordered(NamedTuple):
-    """The plates and pipes of the settings."""
+    """The orifice plates and pipes that the settings require."""
 
     plate: int  #: bore in steps of the setting, because no single-precision number is exactly 13 mm
     pipe: bool
 
     @classmethod
     def by(cls, settings: Mapping[str, float]) -> "Ordered":
-        """Return the plates and pipes of ``settings`` (SI)."""
+        """Return the orifice plates and pipes for ``settings`` (SI)."""
         return cls(round(settings[_BORE.name] / _BORE.step), bool(settings["rig.pipe"]))
 
 
 class Fittings:
-    """The parts fitted to ``plant``, and the states in which they may be changed.
+    """The parts that are fitted to ``plant``, and the check whether they may be changed now.
 
     The parameter set may differ from the settings, for example by a plate with a wrong bore. So the plant changes only
     if the settings change.
@@ -46,9 +46,10 @@ class Fittings:
         self._ordered = Ordered.by(settings)
 
     def change(self, settings: Mapping[str, float], *, engaged: bool) -> bool:
-        """Install the parts of ``settings``; return False, with nothing changed, if that is not allowed now.
+        """Install the parts for ``settings`` and return True. Return False, with nothing changed, if that is not
+        allowed now.
 
-        Shims require disengaged actuators (``engaged`` False); plates and pipes also require chambers without pressure.
+        Shims require that the actuators are not ``engaged``. Plates and pipes also require chambers without pressure.
         """
         ordered = Ordered.by(settings)
         if not self._springs_accept(ordered, settings["rig.nominal_preload"]):
@@ -61,12 +62,14 @@ class Fittings:
         return True
 
     def _under_pressure(self) -> bool:
-        """Return whether air would escape from an open flange, by the true pressure, not the sensor."""
+        """Return whether air would escape from an open flange. The true pressure decides, not the reading of a
+        sensor.
+        """
         gauge = self._springs.pressures() if self._springs else self._plant.ideal()[_CHAMBERS]
         return not (np.abs(gauge) < _FLANGE_PRESSURE).all()
 
     def _springs_accept(self, ordered: Ordered, preload: float) -> bool:
-        """Return whether the springs of an FMU have inputs for all changes."""
+        """Return whether springs of an FMU have inputs for the required changes."""
         if self._springs is None:
             return True
         adjustable, par = self._springs.adjustable, self._plant.parameters
@@ -75,10 +78,10 @@ class Fittings:
         return plates and shims and ordered.pipe == self._ordered.pipe
 
     def _shim(self, preload: float, engaged: bool) -> bool:
-        """Set the height to zero for ``preload`` (N per spring), like shims under the emergency springs.
+        """Insert shims so that the height is zero at ``preload`` (N per spring). Return False if that is not allowed
+        now.
 
-        The bolster moves by the difference of the emergency springs' deflection under both loads, so that the bellows
-        do not move.
+        The bolster moves by the change of the emergency springs' deflection, so the bellows do not move.
         """
         par, x = self._plant.parameters, self._plant.state
         change = preload - par.nominal_preload
@@ -94,7 +97,7 @@ class Fittings:
         return True
 
     def _fit(self, ordered: Ordered) -> None:
-        """Change plates and pipes of both sides if the order has changed."""
+        """Change the plates and pipes of both sides if the settings require others."""
         par = self._plant.parameters
         if ordered.plate != self._ordered.plate:
             par.orifice_diameter[:] = ordered.plate * _BORE.step

@@ -1,4 +1,5 @@
-"""The length of a classic CAN frame on the bus in bits: exact with its stuff bits, or the maximum.
+"""The length of a classic CAN frame on the bus in bits, with its actual stuff bits or with the largest number of
+them.
 
 Source: ISO 11898-1. From the start of frame to the end of the CRC a stuff bit is inserted after five equal bits. CRC
 delimiter, acknowledgement, end of frame and intermission have no stuff bits.
@@ -22,7 +23,8 @@ _STANDARD, _EXTENDED = (34, 34 + _TAIL + INTERMISSION), (54, 54 + _TAIL + INTERM
 
 
 def worst_bits(length: int, *, extended: bool = False) -> int:
-    """Return the bits, intermission included, of a frame with ``length`` bytes and every possible stuff bit.
+    """Return the largest length in bits of a frame with ``length`` data bytes. Stuff bits and intermission are
+    included.
 
     The first stuff bit requires five equal bits, each further one four, because a stuff bit starts the next run.
     """
@@ -31,7 +33,7 @@ def worst_bits(length: int, *, extended: bool = False) -> int:
 
 
 def frame_bits(block: Block) -> npt.NDArray[np.int64]:
-    """Return the exact bits on the wire of each frame, intermission included."""
+    """Return the exact length in bits of each frame on the bus, including stuff bits and intermission."""
     bits = np.zeros(block.size, np.int64)
     if block.size:
         _count(
@@ -45,9 +47,9 @@ def frame_bits(block: Block) -> npt.NDArray[np.int64]:
 
 
 def arbitration_key(identifier: int, *, extended: bool) -> int:
-    """Return the priority in the arbitration: the smaller key wins, bit by bit as on the bus.
+    """Return the priority of a frame in the arbitration of the bus. The frame with the smaller key wins.
 
-    If the first parts are equal, the standard frame wins, because its RTR and IDE bits are dominant.
+    If the first 11 bits are equal, the standard frame wins, because its RTR and IDE bits are dominant.
     """
     if extended:
         return (identifier >> 18) << 19 | 1 << 18 | (identifier & 0x3_FFFF)
@@ -56,7 +58,7 @@ def arbitration_key(identifier: int, *, extended: bool) -> int:
 
 @compiled
 def _append(levels: Any, position: int, value: int, width: int) -> int:
-    """Write ``width`` bits of ``value``, the highest first; return the position behind them."""
+    """Write ``width`` bits of ``value``, the highest first. Return the position after them."""
     for k in range(width):
         levels[position + k] = (value >> (width - 1 - k)) & 1
     return position + width

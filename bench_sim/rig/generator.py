@@ -16,11 +16,11 @@ Wave = Mapping[str, float]
 
 
 class FunctionGenerator:
-    """The program in the tick's ``controls``, started with the ``settings`` in force (SI, by name).
+    """The program in the tick's ``controls``. It uses the active ``settings`` (SI, by name) when it starts.
 
-    A program is the wave of the settings, or all added waves. Added waves start on one tick, each after its delay. They
-    are held, stopped and ended together. Or it is the ride of a car, which ``couplings`` connect to the bench.
-    ``lever`` is m per rad of a roll at the vertical actuators.
+    A program is either the wave of the settings, or all added waves. Added waves start at the same tick, each after
+    its delay, and are held and stopped together. A program can also be the ride of a car, which ``couplings`` connect
+    to the bench. ``lever`` is the displacement of the vertical actuators per roll angle, in m per rad.
     """
 
     def __init__(
@@ -40,7 +40,7 @@ class FunctionGenerator:
         return self._controls["program"] in (Program.RUN, Program.HOLD)
 
     def add(self) -> bool:
-        """Store the wave of the settings for the next program; return whether it can be part of it."""
+        """Add the wave of the settings to the next program. Return whether that is possible."""
         waves = [*self._added, self._set_wave()]
         if self.busy or len(waves) > WAVES_AT_ONCE or self._amplitudes(waves) is None:
             return False
@@ -52,7 +52,7 @@ class FunctionGenerator:
         self._added = []
 
     def run(self) -> bool:
-        """Start the program of the settings, or resume a held one; return whether that is possible."""
+        """Start the program of the settings, or resume a held one. Return whether that is possible."""
         c = self._controls
         if c["program"] == Program.RUN:
             return False
@@ -76,7 +76,9 @@ class FunctionGenerator:
         return True
 
     def ride(self) -> bool:
-        """Start the ride of the car in the settings; return whether all actuators are in displacement control."""
+        """Start the ride of the car in the settings. Return whether that is possible; all actuators must be in
+        displacement control.
+        """
         c = self._controls
         if self.busy or self._added or (c["control"] != _DISPLACEMENT).any():
             return False
@@ -87,14 +89,14 @@ class FunctionGenerator:
         return True
 
     def hold(self) -> bool:
-        """Hold the program at its present position; return whether one ran."""
+        """Hold the program at its present position. Return whether one was running."""
         if self._controls["program"] != Program.RUN:
             return False
         self._controls["program"] = Program.HOLD
         return True
 
     def stop(self) -> bool:
-        """End the program with a soft return of its axes, or discard the added motion; return whether there was one."""
+        """End the program and return its axes slowly, or discard the added waves. Return whether there were any."""
         if not self.busy:
             some, self._added = bool(self._added), []
             return some
@@ -104,28 +106,28 @@ class FunctionGenerator:
         return True
 
     def freeze(self) -> None:
-        """End the program at its present position: the set-points take over its offset."""
+        """End the program at its present position. Its offsets are added to the set-points."""
         c = self._controls
         self._absorb_offset()
         c["program"] = Program.STOPPED if c["program"] != Program.IDLE else Program.IDLE
 
     def clear(self) -> None:
-        """Remove the program, as after power on; the set-points keep the offset of the last one."""
+        """Remove the program, as after power on. The set-points keep its offsets."""
         self._added = []
         if self._controls["program"] != Program.IDLE:
             self.freeze()
             self._controls["program"] = Program.IDLE
 
     def forget(self) -> None:
-        """Reset the progress of the last program."""
+        """Set the progress of the last program to zero."""
         self._controls["phase"] = 0.0
 
     def _set_wave(self) -> Wave:
         return {name: value for name, value in self._settings.items() if name.startswith("generator.")}
 
     def _amplitudes(self, waves: Sequence[Wave]) -> Any:
-        """Return the amplitudes of ``waves`` by set-point (SI); None if one is not possible, or all together are too
-        fast.
+        """Return the amplitudes (SI) of ``waves``, (waves, TARGETS). Return None if a wave is not possible, or if
+        they are too fast together.
         """
         heights = [self._height(wave) for wave in waves]
         if any(height is None for height in heights):
@@ -141,7 +143,9 @@ class FunctionGenerator:
         return int(self._controls["control"][target]) if target <= Target.LATERAL else _DISPLACEMENT
 
     def _height(self, wave: Wave) -> Any:
-        """Return the amplitude by set-point of one wave in the present control modes; None if it is not possible."""
+        """Return the amplitude of one wave for each set-point in the present control modes. Return None if it is not
+        possible.
+        """
         name = AXES[int(wave["generator.axis"])]
         targets = {"vertical": (1.0, 1.0), "roll": (1.0, -1.0)}
         first = Target.VERTICAL_LEFT if name in targets else Target[name.upper()]

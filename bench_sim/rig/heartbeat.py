@@ -1,4 +1,6 @@
-"""Work of the tick for the rig's CANopen node: it sends the heartbeats, and reports when the node must be called."""
+"""The part of the tick for the rig's CANopen node: it sends heartbeats, and returns when the node has something to
+do.
+"""
 
 from typing import Any
 
@@ -10,7 +12,7 @@ from bench_sim.rig.controls import TICK_NS, Happened
 
 @compiled
 def send_heartbeat(c: Any, out: Any, position: int) -> int:
-    """Write the node's heartbeat to ``out`` if it is due; return the position after it."""
+    """Write the node's heartbeat to ``out`` if it is due. Return the position after it."""
     if c.heartbeat <= 0 or c.tick < c.heartbeat_due:
         return position
     c.heartbeat_due = c.tick + c.heartbeat
@@ -24,6 +26,6 @@ def send_heartbeat(c: Any, out: Any, position: int) -> int:
 
 @compiled
 def node_due(c: Any) -> int:
-    """Return whether a SYNC is due, or the heartbeat of another node overdue."""
+    """Return `Happened.NODE` if a SYNC is due, or if the heartbeat of another node is overdue."""
     due = c.tick == c.sync_due or c.tick == c.guard_due
     return Happened.NODE.value if due else Happened.NOTHING.value

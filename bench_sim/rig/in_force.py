@@ -1,4 +1,4 @@
-"""The settings in force: how they are applied, and how they return to rest when a command ends."""
+"""The active settings: how they are applied, and how they return to their defaults when a command ends."""
 
 import math
 from collections.abc import Mapping
@@ -27,7 +27,9 @@ _ACTUATORS: Final = tuple(Target[name.upper()] for name in ACTUATORS)
 
 
 class InForce:
-    """Applies settings to the tick's ``controls`` and to the ``plant``'s fittings; ``values`` are signals by row."""
+    """Applies settings to the tick's ``controls`` and to the fitted parts of the ``plant``. ``values`` are all
+    signals by table row.
+    """
 
     def __init__(
         self,
@@ -45,7 +47,7 @@ class InForce:
         self._put(registers.active)
 
     def apply(self, settings: Mapping[str, float]) -> bool:
-        """Apply all settings at once, control modes without a bump; return whether that is allowed now."""
+        """Apply all settings at once, and change control modes without a jump. Return whether that is allowed now."""
         c = self._controls
         if self.generator.busy and (c["control"] != _modes(settings)).any():
             return False  # a mode must not change under a running program
@@ -56,7 +58,9 @@ class InForce:
         return True
 
     def rest(self, *, vented: bool) -> None:
-        """Reset active and staged settings; with ``vented`` also the settings that would move air."""
+        """Set active and staged settings to their defaults. Settings that would move air change only with
+        ``vented``.
+        """
         registers, c = self._registers, self._controls
         registers.active.update(
             {name: value for name, value in REST.items() if vented or name not in CONNECTING}
@@ -71,13 +75,13 @@ class InForce:
         c["slew"] = 0
 
     def take_present(self, target: Target) -> None:
-        """Set an actuator's set-point to its present reading, so that engaging it changes nothing."""
+        """Set an actuator's set-point to its present reading, so that nothing moves when it is engaged."""
         c = self._controls
         c["setpoint"][target] = c["goal"][target] = self._present(target)
         c["slew"][target] = 0
 
     def engage(self) -> None:
-        """Engage the actuators at their present position; a set-point that was received already becomes the target."""
+        """Engage the actuators at their present position. A set-point that has already arrived becomes the goal."""
         c = self._controls
         for target in _ACTUATORS:
             if c["slew"][target]:
@@ -95,8 +99,8 @@ class InForce:
 
     @property
     def astray(self) -> bool:
-        """Whether a reading of an actuator is far from its set-point: the actuator did not follow, or the reading is
-        wrong.
+        """Whether the reading of an actuator is far from its set-point: the actuator did not follow, or the reading
+        is wrong.
         """
         return any(
             abs(self._commanded(target) - self._measured(target)) > NEAR[self._mode(target)]
@@ -104,7 +108,7 @@ class InForce:
         )
 
     def _present(self, target: Target) -> float:
-        """Return the set-point of an actuator, in addition to the generator's offset, that changes nothing."""
+        """Return the set-point, without the generator's offset, at which an actuator keeps its present reading."""
         measured = self._measured(target)
         return 0.0 if np.isnan(measured) else measured - float(self._controls["offset"][target])
 

@@ -1,4 +1,4 @@
-"""The report of an incident as text: the trip, the events before it, the reaction of the bench, and the end."""
+"""The text report of an incident: the trip, the events before it, the reaction of the bench, and the end."""
 
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
@@ -23,14 +23,16 @@ _EVENTS_AFTER: Final = 12
 
 
 class IncidentEvent(NamedTuple):
-    """An event of the bench as text; ``tick`` in ms since the rig started."""
+    """An event of the bench as text. ``tick`` is the time in ms since the rig started."""
 
     tick: int
     text: str
 
 
 def story(incident: Incident, cause: str, signal: str, events: Sequence[IncidentEvent]) -> str:
-    """Return the report of ``cause``, for which ``signal`` tripped: one sentence per line, times since the start."""
+    """Return the report of an incident as text, one sentence per line. ``signal`` is the one that exceeded its limit.
+    Times are since the start of the rig.
+    """
     lines = [f"{clock(incident.tick)} {cause}"]
     lines += [f"  before: {line}" for line in _before(incident, signal)]
     after = [event for event in events if event.tick >= incident.tick]
@@ -50,7 +52,7 @@ def clock(tick: int) -> str:
 
 
 def named(name: str) -> str:
-    """Return a signal's name with spaces."""
+    """Return the name of a signal with spaces instead of dots and underscores."""
     return name.replace(".", " ").replace("_", " ")
 
 
@@ -61,7 +63,9 @@ def _measured(incident: Incident) -> Iterator[tuple[Signal, npt.NDArray[np.int16
 
 
 def _before(incident: Incident, first: str) -> list[str]:
-    """Describe earlier readings that were missing, stuck or moved: first ``first``, then the largest changes."""
+    """Return sentences on readings that were missing, stuck or changing before the trip. The signal ``first`` is
+    first, then the largest changes.
+    """
     sentences: list[tuple[float, str, str]] = []
     for signal, samples in _measured(incident):
         past = samples[: incident.trigger + 1]
@@ -99,7 +103,7 @@ def _before(incident: Incident, first: str) -> list[str]:
 
 
 def _course(signal: Signal, past: npt.NDArray[np.int16], start: float, end: float, since: str) -> str:
-    """Return a sentence on the reading: still changing, or constant for some time."""
+    """Return a sentence on how the reading changed: still changing, or constant for some time."""
     away = np.abs(past - end) > _NEAR * abs(end - start)
     there = (past.size - 1 - np.flatnonzero(away)[-1]) / FAST_RATE if away.any() else 0.0
     if there >= 0.5:
@@ -109,14 +113,14 @@ def _course(signal: Signal, past: npt.NDArray[np.int16], start: float, end: floa
 
 
 def _since(inside: npt.NDArray[np.bool_]) -> str:
-    """Return the time since the last True as text."""
+    """Return the time since the last True sample as text."""
     there = np.flatnonzero(inside)
     ago = (inside.size - 1 - there[-1]) / FAST_RATE if there.size else inside.size / FAST_RATE
     return f"{ago:.1f} s" if ago >= 1 else f"{ago * 1000:.0f} ms"
 
 
 def _after(incident: Incident) -> list[str]:
-    """Return the end of the incident: state, and the largest pressure and height ten seconds later."""
+    """Return a sentence on the end of the record: the state of the bench, and the bellows pressures and heights."""
     lines = []
     states = incident.samples[incident.channels.index("rig.state")]
     if states.size and states[-1] != NO_SAMPLE:

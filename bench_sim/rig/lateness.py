@@ -1,4 +1,4 @@
-"""Lateness of ticks: a histogram that is published on CAN and Modbus, and the effect of a late tick on the bench."""
+"""The lateness of ticks: a histogram that is published on CAN and Modbus, and what a late tick causes."""
 
 from typing import Any, Final
 
@@ -20,7 +20,7 @@ _LATE_ROW: Final = TABLE.index["rig.late_ticks"]
 
 @compiled
 def count_lateness(values: Any, late: int, pacing: Any) -> int:
-    """Count a tick that begins ``late`` (ns) after its deadline; return the events for the supervisor.
+    """Count a tick that begins ``late`` ns after its deadline. Return the events for the supervisor.
 
     The counts are signals in ``values`` (by table row).
     """

@@ -1,4 +1,4 @@
-"""The lease: the holder of the bench on both protocols, its token, and the end of the lease."""
+"""The lease: who holds the bench on both buses, the token of this holder, and the end of the lease."""
 
 from collections.abc import Callable
 from random import Random, SystemRandom
@@ -25,23 +25,24 @@ _IDENTIFIER_ROW: Final = TABLE.index["rig.stranger_identifier"]
 
 
 class Lease:
-    """The lease of one rig, in the tick's ``controls`` and the signals in ``values`` (SI, by table row).
+    """The lease of one rig. Its state is in the tick's ``controls`` and in the signals ``values`` (SI, by table row).
 
-    A lease is granted to a Modbus connection, and ends with this connection. Or it is granted to a CAN connection on
-    request, and ends when that connection is silent or closed. The holder has at most one connection on each bus. Each
-    is identified by its name, never by a port or by a token that other clients can read:
+    A lease is granted to a Modbus connection and ends when that connection closes. Or it is granted on request to a
+    CAN connection, and ends when that connection is silent or closes. The holder has at most one connection on each
+    bus. A connection is identified by its name, never by a port or by a token that other clients can read.
 
-    * Granted on Modbus: the token is returned on that connection alone. The first CAN connection that commands with it
-      is the holder's. When that one is closed, another token is drawn.
-    * Granted on CAN: every Modbus connection reads its own key instead of the token. The CAN connection sends the key
-      of the Modbus connection that may join.
+    If the lease is granted on Modbus, only that connection can read the token. The first CAN connection that commands
+    with the token belongs to the holder. When this CAN connection closes, the token changes.
 
-    A lease also ends when the commander has been silent on both buses until the bench is safe. An open connection does
-    not prove that the client still runs. A connection that has lost the lease in this way is refused until it requests
-    the lease again.
+    If the lease is granted on CAN, every Modbus connection reads a key of its own instead of the token. The CAN
+    connection of the holder sends the key of the Modbus connection that may join.
 
-    ``on_change`` is called when the bench has a new holder or none, ``on_end`` when the holder of the bench, or one of
-    its two connections, is lost.
+    A lease also ends when the commander is silent on both buses for too long, because an open connection does not
+    prove that the client still runs. A connection that has lost the lease in this way is refused until it requests the
+    lease again.
+
+    ``on_change`` is called when the bench has a new holder or none. ``on_end`` is called when the bench loses its
+    holder, or the holder loses one of its two connections.
     """
 
     def __init__(
@@ -71,20 +72,21 @@ class Lease:
 
     @property
     def token(self) -> int:
-        """The token of the holder; 0 without a holder."""
+        """Return the token of the holder, or 0 without a holder."""
         return int(self._controls["token"])
 
     def draw_unpredictably(self) -> None:
-        """Draw tokens and keys from the operating system, so that no client can compute them."""
+        """Use random numbers of the operating system for tokens and keys, so that no client can predict them."""
         self._chance = self._key_chance = SystemRandom()
 
     # -- what peers may do ---------------------------------------------------------------------------------------
 
     def open_to(self, peer: str, word: int | None = None) -> bool:
-        """Return whether the Modbus connection ``peer`` may write; ``word`` is for the lease register, if any.
+        """Return whether the Modbus connection ``peer`` may write. ``word`` is the value for the lease register, or
+        None.
 
-        Without a holder every connection may write, so that a command-line client needs no lease. The exception is a
-        connection that lost the lease because of silence: it must write the lease register first.
+        Without a holder every connection may write, so a command-line client needs no lease. A connection that has
+        lost the lease because of silence must write the lease register first.
         """
         if self.owner is not None:
             return self.owner == peer
@@ -93,9 +95,9 @@ class Lease:
         return peer == self._former and self.token == word
 
     def word_for(self, peer: str) -> int:
-        """Return the value of the lease register for the Modbus connection ``peer``.
+        """Return the content of the lease register for the Modbus connection ``peer``.
 
-        It is the token for the holder, an own key for every other connection, and 0 without a holder.
+        It is the token for the holder, 0 without a holder, and a different key for each other connection.
         """
         if self.token == 0:
             return 0
@@ -106,24 +108,28 @@ class Lease:
         return self._keys[peer]
 
     def holds(self, peer: str) -> bool:
-        """Return whether ``peer`` is a connection of the holder."""
+        """Return whether ``peer`` is one of the connections of the holder."""
         if is_can(peer):
             return bool(self._controls["commander"] == sender_of(peer))
         return self.owner is not None and self.owner == peer
 
     def commands(self, peer: str) -> bool:
-        """Return whether ``peer`` is a connection of the holder, and the holder is commanding on CAN."""
+        """Return whether ``peer`` is a connection of the holder, and the holder sends commands on CAN at present."""
         c = self._controls
         return self.holds(peer) and c["commander"] >= 0 and c["tick"] - c["command_tick"] < LOST_TICKS
 
     def refuse(self, peer: str, identifier: int = 0) -> None:
-        """Count a request that only the holder may send: of Modbus, or a CAN frame with ``identifier``."""
+        """Count a refused request that only the holder may send. ``identifier`` is that of a CAN frame, or 0 for
+        Modbus.
+        """
         self._count(sender_of(peer), identifier)
 
     # -- taking and returning ------------------------------------------------------------------------------------
 
     def write(self, peer: str, word: int) -> None:
-        """Apply a permitted write of ``peer`` to the lease register: take, join or keep the lease; 0 returns it."""
+        """Write ``word`` to the lease register for ``peer``, which must be allowed. 0 returns the lease; other values
+        take, join or keep it.
+        """
         self._lapsed -= {peer}
         if word == 0:
             if self.owner == peer:
@@ -134,7 +140,9 @@ class Lease:
             self._join(peer)
 
     def ask(self) -> None:
-        """Handle a lease request on CAN: 0 requests it, the token returns it, a key admits a Modbus connection."""
+        """Handle a lease request on CAN. 0 requests the lease, the token returns it, and a key admits a Modbus
+        connection.
+        """
         c = self._controls
         c["asked"] = 0
         sender, word = int(c["asked_sender"]), int(c["asked_token"])
@@ -155,7 +163,9 @@ class Lease:
                     self._join(peer)
 
     def peer_lost(self, peer: str) -> None:
-        """Handle a closed connection; one of the holder ends the lease, or only its CAN part."""
+        """Handle a closed connection. If it belongs to the holder, the lease ends, or the holder loses its CAN
+        connection.
+        """
         self._lapsed -= {peer}
         self._keys.pop(peer, None)
         if peer == self._former:
@@ -169,7 +179,7 @@ class Lease:
             self._on_end()
 
     def decide(self, happened: Happened) -> None:
-        """Act on the events of the holder that the tick has detected."""
+        """Handle the events of the tick that concern the holder."""
         if Happened.WRITES_LOST in happened:
             # Treat the connection as closed; a holder that still commands on CAN may join again.
             self.watch(0)
@@ -185,12 +195,12 @@ class Lease:
     # -- the watchdog of the holder's writes ---------------------------------------------------------------------
 
     def watch(self, milliseconds: int) -> None:
-        """Set the timeout (ms) of the watchdog of the holder's writes, and restart it; 0 stops the watchdog."""
+        """Set the time limit (ms) between two writes of the holder, and restart it. 0 means no limit."""
         self.watchdog_ms = milliseconds
         self.feed()
 
     def feed(self) -> None:
-        """Restart the watchdog after a write of the holder."""
+        """Restart the time limit after a write of the holder."""
         c, ticks = self._controls, round(self.watchdog_ms * ms / TICK)
         c["write_tick"] = c["tick"]
         c["write_deadline"] = c["tick"] + ticks if ticks else -1
@@ -214,7 +224,9 @@ class Lease:
         self._values[_IDENTIFIER_ROW] = identifier
 
     def _draw(self) -> int:
-        """Return a token whose CRC mark of a set-point differs from that of no token and of the last token."""
+        """Return a new token. Its mark in the CRC of set-points differs from the marks of token 0 and of the last
+        token.
+        """
         marks = (mark_of(0), mark_of(self._last))
         while mark_of(token := self._unused(self._chance)) in marks:
             pass
@@ -222,13 +234,15 @@ class Lease:
         return token
 
     def _unused(self, chance: Random) -> int:
-        """Return a number that is in use neither as token nor as key."""
+        """Return a random number that is neither the token nor a key."""
         while (word := chance.randrange(1, 0x10000)) in (HIDDEN_TOKEN, self.token, *self._keys.values()):
             pass
         return word
 
     def _hand_out(self, token: int, commander: int = -1) -> None:
-        """Set the ``token`` of the holder; publish it once a ``commander`` on CAN is known, which sends it openly."""
+        """Set the ``token`` of the holder. It is published only with a known ``commander`` on CAN, which sends it
+        openly.
+        """
         c = self._controls
         c["token"], c["commander"] = token, commander
         c["suspects"] = c["tries"] = 0

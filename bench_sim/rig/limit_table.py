@@ -1,4 +1,4 @@
-"""The limits of a rig from its file, which override the assumed ones; invalid ones are refused."""
+"""The limits in a rig file, which replace the assumed limits. Invalid limits raise an error."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -29,7 +29,8 @@ _KEYS: Final = (
 
 
 def limits_of(rows: Sequence[Mapping[str, Any]]) -> tuple[Limit, ...]:
-    """Return the assumed limits with those of ``rows``, which replace limits of the same signal and kind or are added.
+    """Return the assumed limits with those of ``rows``. A row replaces the limit of the same signal and kind, or adds
+    a limit.
 
     Raises ValueError with key, value and correct form.
     """
@@ -100,7 +101,7 @@ def _action(text: object) -> LimitAction:
 
 
 def _number(key: str, text: object, si: str) -> float:
-    """Return ``text``, a number with its unit, in the unit ``si``; a count has no unit."""
+    """Return ``text``, a number with its unit, in the unit ``si``. A count has no unit."""
     fitting = [unit for unit in FACTORS if UNITS[unit].si == si]
     if si == "1" and isinstance(text, (int, float)) and not isinstance(text, bool):
         return float(text)
@@ -116,7 +117,7 @@ def _number(key: str, text: object, si: str) -> float:
 
 
 def listed(limits: Sequence[Limit]) -> list[tuple[str, ...]]:
-    """Return the limits as text: signal, kind, value, duration, hysteresis, latch, action."""
+    """Return the limits as texts, one tuple each: signal, kind, value, duration, hysteresis, latch, action."""
     rows: list[tuple[str, ...]] = []
     for one in limits:
         signal = TABLE[one.signal]

@@ -1,4 +1,4 @@
-"""Limit detectors of the bench: the judged quantity of a reading, its limit, its duration, and the action."""
+"""Limit detectors of the bench. Each compares a quantity of a reading with its limit, and trips after a duration."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -17,24 +17,24 @@ from bench_sim.rig.controls import Happened
 
 
 class LimitAction(IntEnum):
-    """The action of a tripped detector, from the weakest to the strongest."""
+    """What happens when a detector trips, from the weakest to the strongest action."""
 
     NONE = 0  #: the detector is switched off
-    INDICATE = 1  #: it is reported, and nothing else
-    PROGRAM_HOLD = 2  #: the bench holds and the program waits; going on needs no reset
+    INDICATE = 1  #: the trip is only reported
+    PROGRAM_HOLD = 2  #: the bench holds and the program waits; no reset is needed to continue
     PROGRAM_STOP = 3  #: the program ends; actuators and air are shut in, a fault
     INTERLOCK = 4  #: the safe position, a fault: the springs are vented
-    POWER_OFF = 5  #: power is taken from valves and actuators, which fall into the safe position
+    POWER_OFF = 5  #: valves and actuators lose their power and go to the safe position
 
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """A detector on one reading; SI, in the unit of the reading unless stated otherwise.
+    """A limit of one reading. Values are in the SI unit of the reading unless stated otherwise.
 
-    ``at`` is compared with: UPPER and LOWER: the reading, extrapolated by ``lead``; ERROR: the deviation of the reading
-    from its set-point; RATE: its rate of change (1/s); TIMEOUT: the time (s) without a reading or, with ``within``, the
-    time during which the reading is farther than that from a constant set-point; COUNT: how often the reading has risen
-    above ``level``.
+    ``at`` is the limit of a quantity that depends on ``kind``. UPPER and LOWER: the reading, extrapolated by ``lead``.
+    ERROR: the difference between reading and set-point. RATE: the rate of change per s. TIMEOUT: the time (s) without
+    a reading. With ``within``, it is also the time for which the reading is farther than this from a constant set-
+    point. COUNT: how often the reading has risen above ``level``.
     """
 
     signal: str
@@ -42,15 +42,15 @@ class Limit:
     at: float
     action: LimitAction
     persistence: float = 20 * ms
-    hysteresis: float = 0.0  #: hysteresis, and allowed excess during a standing trip
-    latch: bool = True  #: tripped until it is reset, or until the reading has come back
+    hysteresis: float = 0.0  #: hysteresis, and the allowed further increase after a reset beyond the limit
+    latch: bool = True  #: True: tripped until a reset; False: until the reading is back within the limit
     over: float = 20 * ms  #: RATE, and UPPER and LOWER with a lead: between the two samples that are compared
     lead: float = 0.0  #: UPPER, LOWER: a fast motion must be stopped before the limit
     within: float = 0.0  #: TIMEOUT
     level: float = 0.0  #: COUNT
 
     def trip_message(self, judged: float) -> str:
-        """Return a sentence on the trip of this limit by ``judged``, and its action."""
+        """Return a sentence on the trip of this limit by the value ``judged``, with its action."""
         signal = TABLE[self.signal]
         name, at, was = (
             self.signal.replace(".", " ").replace("_", " "),
@@ -73,7 +73,9 @@ class Limit:
 def _span(
     signal: str, low: float, high: float, hysteresis: float, action: LimitAction, lead: float = 0.0
 ) -> tuple[Limit, Limit, Limit]:
-    """Return lower and upper limit of a reading, and a timeout, because a missing reading is within no limit."""
+    """Return lower limit, upper limit and timeout of a reading. A missing reading exceeds no limit, so it needs the
+    timeout.
+    """
     return (
         Limit(signal, LimitKind.LOWER, low, action, hysteresis=hysteresis),
         Limit(signal, LimitKind.UPPER, high, action, hysteresis=hysteresis, lead=lead),
@@ -106,7 +108,7 @@ DETECTOR: Final = np.dtype(
         ("kind", "<i8"),
         ("sense", "<f8"),  # -1: judge the negative of the reading
         ("at", "<f8"),
-        ("samples", "<i8"),  # that it must be outside in a row; 0: switched off
+        ("samples", "<i8"),  # successive samples beyond the limit for a trip; 0: switched off
         ("hysteresis", "<f8"),
         ("latch", "<i8"),
         ("target", "<i8"),  # of the set-point that belongs to the reading, -1: none
@@ -115,19 +117,19 @@ DETECTOR: Final = np.dtype(
         ("lead", "<f8"),  # samples
         ("within", "<f8"),
         ("level", "<f8"),
-        # what it remembers
+        # memory of the detector
         ("judged", "<f8"),
-        ("age", "<i8"),  # samples since something began
-        ("anchor", "<f8"),  # the reading then
+        ("age", "<i8"),  # samples since the compared sample, or without a reading
+        ("anchor", "<f8"),  # reading of the compared sample
         ("speed", "<f8"),  # outwards, by sample, between the last two that were compared
         ("before", "<f8"),  # and between the two before: a single reading that is off is no motion
         ("above", "<i8"),
         ("count", "<i8"),
         ("outside", "<i8"),  # samples outside in a row
         ("tripped", "<i8"),
-        ("reported", "<i8"),  # 1: the state machine knows that it has tripped
+        ("reported", "<i8"),  # 1: the trip was passed to the state machine
         ("standing", "<i8"),  # 1: was outside when it was reset, and has not come back yet
-        ("bar", "<f8"),  # where a standing detector trips instead
+        ("bar", "<f8"),  # the limit that a standing detector uses instead
     ]
 )
 _TARGETS: Final = (*ACTUATORS, *(f"platform.{axis}" for axis in PLATFORM_AXES))
@@ -135,7 +137,9 @@ _ACTUATORS: Final = len(ACTUATORS)
 
 
 def _aim(signal: str) -> tuple[int, int]:
-    """Return the target and the control mode whose set-point ``signal`` follows; (-1, -1) if it follows none."""
+    """Return the indices of the target and the control mode whose set-point ``signal`` follows, or (-1, -1) if there
+    is none.
+    """
     if signal in _TARGETS:
         return _TARGETS.index(signal), -1
     device, _, reading = signal.partition(".")
@@ -145,8 +149,9 @@ def _aim(signal: str) -> tuple[int, int]:
 
 
 def detectors(table: Table, limits: tuple[Limit, ...]) -> npt.NDArray[np.void]:
-    """Return ``limits`` as the array that the tick reads. Raises ValueError for an error of, or an arrival at, a
-    set-point that the reading does not have.
+    """Return ``limits`` as the array that the tick uses.
+
+    Raises ValueError if a limit compares a reading with a set-point that this reading does not have.
     """
     rows = np.zeros(len(limits), DETECTOR)
     for row, limit in zip(rows, limits, strict=True):
@@ -169,7 +174,9 @@ def detectors(table: Table, limits: tuple[Limit, ...]) -> npt.NDArray[np.void]:
 
 @compiled
 def _error(c: Any, detector: Any, reading: float) -> float:
-    """Return the difference of ``reading`` and its set-point; 0 without a set-point."""
+    """Return the absolute difference between ``reading`` and its set-point, or 0 if the set-point does not
+    apply now.
+    """
     target = detector.target
     if detector.mode >= 0 and (c.engaged == 0 or c.control[target] != detector.mode):
         return 0.0
@@ -178,7 +185,7 @@ def _error(c: Any, detector: Any, reading: float) -> float:
 
 @compiled
 def _compared_value(c: Any, detector: Any, reading: float) -> float:
-    """Advance the memory of ``detector`` by one sample; return the value to compare with its limit."""
+    """Update the memory of ``detector`` by one sample. Return the value to compare with its limit."""
     kind = detector.kind
     if kind == LimitKind.ERROR:
         return _error(c, detector, reading)
@@ -216,9 +223,9 @@ def _compared_value(c: Any, detector: Any, reading: float) -> float:
 
 @compiled
 def detect(c: Any, values: Any, detectors: Any) -> int:
-    """Advance the limit detectors by one sample; return whether one of them has just tripped.
+    """Update the limit detectors by one sample. Return `Happened.LIMIT` if one of them has just tripped.
 
-    While a limit is exceeded, the reading may return in steps. If it increases again, the detector trips again.
+    After a reset beyond the limit, the reading may return in steps. If it increases again, the detector trips again.
     """
     happened = Happened.NOTHING.value
     for row in range(detectors.size):
@@ -250,7 +257,7 @@ def detect(c: Any, values: Any, detectors: Any) -> int:
 def reset_detectors(detectors: npt.NDArray[np.void]) -> None:
     """Clear all trips.
 
-    A reading that is still outside its limit trips only if it increases further, so that it can be moved back.
+    A reading that is still beyond its limit trips only if it increases further. So the axis can be moved back.
     """
     for name in ("tripped", "reported", "outside", "age", "count"):
         detectors[name] = 0

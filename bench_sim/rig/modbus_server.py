@@ -1,4 +1,4 @@
-"""The rig's Modbus/TCP server: it takes requests from the stream of each client and writes the answers back."""
+"""The rig's Modbus/TCP server. It reads requests from each client and writes the answers."""
 
 import asyncio
 import contextlib
@@ -19,7 +19,7 @@ _REQUESTS_AT_ONCE: Final = 64
 
 
 def _at_once(response: bytes) -> Sequence[tuple[float, bytes]]:
-    """Return an answer as one piece without delay."""
+    """Return an answer as a single piece without delay."""
     return ((0.0, response),)
 
 
@@ -63,7 +63,7 @@ class _ModbusClient(Connection):
         self._respond()
 
     def _respond(self) -> None:
-        """Answer received requests, one portion at a time, so that no client blocks the loop for the others."""
+        """Answer received requests in portions, so that no client blocks the others."""
         assert self.transport is not None
         if self._blocked or self._pieces or self.transport.is_closing():
             return
@@ -86,7 +86,7 @@ class _ModbusClient(Connection):
             self._expect()
 
     def _send(self, responses: Iterable[bytes]) -> None:
-        """Send answers, or keep their pieces until they are due."""
+        """Send the pieces of answers that are due now, and keep the others until their time."""
         now = when = self.loop.time()
         for response in responses:
             for gap, piece in self._server.pieces(response):
@@ -104,7 +104,7 @@ class _ModbusClient(Connection):
             self.loop.call_at(self._pieces[0][0], self._send_next_piece)
 
     def _send_next_piece(self) -> None:
-        """Send the next piece; after the last one answer the requests received meanwhile."""
+        """Send the next piece. After the last one, answer the requests that have arrived meanwhile."""
         if self.transport is None or self.transport.is_closing() or not self._pieces:
             return
         self._send_due(self._pieces[0][0])
@@ -112,7 +112,7 @@ class _ModbusClient(Connection):
             self._respond()
 
     def _expect(self) -> None:
-        """Set the time limit for the next request: long before it begins, short once it has begun."""
+        """Start the time limit for the next request. It is short if a part of the request has arrived."""
         server = self._server
         self.drop_after(server.split_limit if self._stream.partial else server.idle_limit)
 
@@ -121,7 +121,9 @@ class _ModbusClient(Connection):
         return idle and self._server.commands(self.name)
 
     def pause_writing(self) -> None:
-        """Stop reading from a client that does not read its answers; it has ``split_limit`` s to begin."""
+        """Stop reading from a client that does not read its answers. It is disconnected unless it reads within
+        ``split_limit`` s.
+        """
         self._blocked = True
         assert self.transport is not None
         self.transport.pause_reading()
@@ -133,15 +135,15 @@ class _ModbusClient(Connection):
 
 
 class ModbusTcpServer:
-    """A Modbus/TCP server around ``answer(adu, peer)``, which returns the response ADU or None for no response.
+    """A Modbus/TCP server. ``answer(adu, peer)`` returns the response ADU, or None for no response.
 
-    Pipelined and split requests are allowed. A connection ends after a wrong header, after ``idle_limit`` s of silence,
-    and after ``split_limit`` s with an incomplete request or unread answers. An error inside ``answer`` is exception 4
-    to the client and is reported to the loop's exception handler. ``pieces(response)`` returns the pieces of an answer,
-    each with the time (s) since the one before.
+    Pipelined and split requests are allowed. A connection ends after a wrong header, after ``idle_limit`` s of
+    silence, and after ``split_limit`` s with an incomplete request or unread answers. If ``answer`` raises an error,
+    the client receives exception 4, and the loop's exception handler receives the error. ``pieces(response)`` returns
+    the pieces of an answer, each with the time (s) since the previous one.
 
-    One place beyond ``clients_max`` is reserved for the peer for which ``holds(peer)`` is true. A peer for which
-    ``commands(peer)`` is true commands on the other bus and has no time limit.
+    One connection beyond ``clients_max`` is reserved for the peer for which ``holds(peer)`` is true. A peer for which
+    ``commands(peer)`` is true sends commands on CAN, and has no time limit for silence.
     """
 
     def __init__(
@@ -168,7 +170,7 @@ class ModbusTcpServer:
 
     @property
     def clients(self) -> tuple[str, ...]:
-        """The names of the connected clients."""
+        """Return the names of the connected clients."""
         return tuple(client.name for client in self._clients)
 
     def open(self) -> None:
@@ -180,11 +182,11 @@ class ModbusTcpServer:
             client.drop()
 
     def cut(self) -> None:
-        """Close all connections and refuse new ones until `restore`; from any thread."""
+        """Close all connections and refuse new ones until `restore`. Callable from any thread."""
         self._soon(self.close)
 
     def restore(self) -> None:
-        """Accept clients again; from any thread."""
+        """Accept clients again. Callable from any thread."""
         self._soon(self.open)
 
     def _soon(self, do: Callable[[], None]) -> None:
@@ -193,7 +195,7 @@ class ModbusTcpServer:
                 self._loop.call_soon_threadsafe(do)
 
     def client(self) -> asyncio.Protocol:
-        """Return the protocol of a new connection."""
+        """Return the protocol object of a new connection."""
         return _ModbusClient(self)
 
     def admit(self, client: _ModbusClient) -> bool:

@@ -1,5 +1,5 @@
-"""The values of the rig's object dictionary: values of the bench that an SDO can read, and settings of the
-communication.
+"""The values of the rig's CANopen object dictionary: values of the bench that SDO clients can read, and communication
+settings.
 """
 
 import math
@@ -56,7 +56,7 @@ _SINGLE: Final = struct.Struct("<f")
 
 
 class NodeHost(Protocol):
-    """Interface of the rig for its objects."""
+    """The attributes and methods of the rig that its object dictionary uses."""
 
     values: npt.NDArray[np.float64]  #: all signals by table row, SI; NaN where not available
     emergencies: Emergencies
@@ -66,20 +66,22 @@ class NodeHost(Protocol):
         """Whether the bench has a holder."""
 
     def is_token(self, token: int, peer: str) -> bool:
-        """Return whether ``peer`` is the CAN connection of the holder, and has sent its ``token``."""
+        """Return whether ``peer`` is the CAN connection of the holder, and ``token`` is the token of the lease."""
 
     def refuse(self, peer: str, identifier: int) -> None:
-        """Count a refused frame of ``peer``, because the bench has another holder."""
+        """Count a refused frame of ``peer``. The bench has another holder."""
 
     def contact(self, name: str) -> bool:
         """Return the state of an interlock."""
 
     def setting(self, name: str) -> float:
-        """Return the value of a setting that is in force (SI)."""
+        """Return the value of an active setting (SI)."""
 
 
 class NodeObjects:
-    """The objects of the node: ``parameters`` are its settings, and ``on_change`` is called when one has changed."""
+    """The objects of the node. ``parameters`` are its communication settings; ``on_change`` is called after each
+    change of them.
+    """
 
     def __init__(
         self, host: NodeHost, encoder: Encoder, decoder: Decoder, on_change: Callable[[], None]
@@ -129,7 +131,7 @@ class NodeObjects:
         return entry.default
 
     def _code(self, index: int, sub: int) -> int:
-        """Return the code of a field in the last frame, or in the next one."""
+        """Return the integer of a field as in the last frame received, or as in the next frame sent."""
         message = _MESSAGES[index]
         if sub == COUNTER_SUB:
             return int(self._encoder.counters[TABLE.message_index[message.name]] - 1) & 0xFF
@@ -181,7 +183,7 @@ def _coded(entry: Entry, value: int | str) -> bytes:
 
 
 def _raw(field: Field, value: float) -> int:
-    """Return the code of ``value`` (SI) in a frame, as in the compiled codec."""
+    """Return the integer for ``value`` (SI) in a frame, as in the compiled codec."""
     if math.isnan(value):
         return field.raw_null if field.nullable else 0
     step = field.step or TABLE[field.signal].step
@@ -189,7 +191,7 @@ def _raw(field: Field, value: float) -> int:
 
 
 def _refusal(index: int, sub: int, value: int, entry: Entry) -> AbortCode | None:
-    """Return why ``value`` is invalid for a parameter, None if it is valid."""
+    """Return the reason why ``value`` is invalid for a parameter, or None if it is valid."""
     low, high = entry.low, entry.high
     good = True
     if index == ERROR_HISTORY:
@@ -217,5 +219,5 @@ def _refusal(index: int, sub: int, value: int, entry: Entry) -> AbortCode | None
 
 
 def consumed(value: int) -> tuple[int, int]:
-    """Return the node-ID and the time (ms) in an entry of the heartbeat consumer."""
+    """Return the node-ID and the time (ms) from an entry of the heartbeat consumer."""
     return value >> 16, value & 0xFFFF

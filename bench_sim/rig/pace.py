@@ -46,7 +46,7 @@ def read_bit_rate(text: str) -> float:
 
 
 class NodeState(StrEnum):
-    """The bus state of a node, by its error counters."""
+    """The state of a node on the bus, which follows from its error counters."""
 
     ACTIVE = "error active"
     PASSIVE = "error passive"
@@ -55,7 +55,7 @@ class NodeState(StrEnum):
 
 @dataclass(slots=True)
 class Node:
-    """One node with its error counters."""
+    """One node on the bus, with its error counters and queue."""
 
     transmit_errors: int = 0
     receive_errors: int = 0
@@ -67,7 +67,7 @@ class Node:
 
     @property
     def state(self) -> NodeState:
-        """The present state."""
+        """Return the present state."""
         if self.off_since >= 0:
             return NodeState.OFF
         passive = max(self.transmit_errors, self.receive_errors) > _PASSIVE_ABOVE
@@ -76,7 +76,7 @@ class Node:
 
 @dataclass(frozen=True, slots=True, order=True)
 class _Waiting:
-    """A frame in a send queue."""
+    """A frame in the send queue of a node."""
 
     key: int  #: the smaller one has priority
     number: int  #: and of equals the older
@@ -87,12 +87,13 @@ class _Waiting:
 
 
 class Pace(Stage):
-    """A bus of ``bit_rate`` (bit/s) on which every frame is stamped with the time of its end.
+    """A bus with ``bit_rate`` in bit/s. Every frame gets the time of its end on the bus as its time stamp.
 
-    ``stuffing`` counts the stuff bits of each content, or every possible one. A fraction ``error_rate`` of the frames,
-    drawn from ``seed``, fails at a random bit, causes an error frame, and is repeated. A node that is off the bus
-    returns after 128 runs of eleven recessive bits, which count from ``restart`` s on. Every frame is acknowledged.
-    ``tell(load, errors)`` is called every 100 ms with the bus load of the last second, and the rig's transmit errors.
+    ``stuffing`` is "exact" to count the stuff bits of each frame, or "worst" for the largest possible number. A
+    fraction ``error_rate`` of the frames fails at a random bit (random ``seed``), causes an error frame, and is
+    repeated. A node in the state bus off returns after 128 runs of eleven recessive bits, which are counted from
+    ``restart`` s on. Every frame is acknowledged. ``tell(load, errors)`` is called every 100 ms with the bus load of
+    the last second, and with the transmit error counter of the rig.
     """
 
     rank = Stage.PACE
@@ -134,7 +135,7 @@ class Pace(Stage):
 
     @property
     def load(self) -> float:
-        """The fraction of the last second in which the bus was busy."""
+        """Return the bus load of the last second, from 0 to 1."""
         if len(self._busy_at) < 2:
             return 0.0
         (since, before), (until, busy) = self._busy_at[0], self._busy_at[-1]
@@ -142,11 +143,13 @@ class Pace(Stage):
 
     @property
     def waiting(self) -> int:
-        """The number of frames in send queues."""
+        """Return the number of frames in all send queues."""
         return len(self._arriving) + len(self._contending)
 
     def spoil(self, peer: str, frames: int) -> None:
-        """Make the next ``frames`` transmissions of ``peer`` fail; after 32 in a row it is off the bus."""
+        """Let the next ``frames`` transmissions of ``peer`` fail. After 32 failures in a row it is in the state bus
+        off.
+        """
         self._node(peer).spoilt += frames
 
     def outgoing(self, block: Block, now: int) -> Block:
@@ -184,14 +187,14 @@ class Pace(Stage):
         self.nodes.pop(peer, None)
 
     def receives(self, peer: str) -> bool:
-        """Return whether ``peer`` receives frames: not while it is off the bus."""
+        """Return whether ``peer`` receives frames. In the state bus off it does not."""
         return self._node(peer).off_since < 0
 
     def _node(self, peer: str) -> Node:
         return self.nodes.setdefault(peer, Node())
 
     def _next(self, now: int) -> bool:
-        """Send one frame over the bus, if one begins before ``now``."""
+        """Send one frame over the bus if one begins before ``now``. Return whether there was one."""
         begin = self._free_at
         if not self._contending:
             if not self._arriving:
@@ -229,7 +232,7 @@ class Pace(Stage):
                 one.receive_errors = max(0, min(one.receive_errors, _PASSIVE_ABOVE + 1) - 1)
 
     def _fail(self, entry: _Waiting, node: Node, begin: float) -> int:
-        """Abort the frame at a random bit; return the time during which it occupied the bus."""
+        """Let the frame fail at a random bit. Return how many bits it has occupied the bus."""
         node.spoilt = max(0, node.spoilt - 1)
         passive = node.state is NodeState.PASSIVE
         bits = 1 + self._chance.randrange(entry.bits - INTERMISSION) + _ERROR_FRAME + _SUSPENDED * passive
@@ -246,7 +249,7 @@ class Pace(Stage):
         return bits
 
     def _recover(self, now: int) -> None:
-        """Return nodes to the bus that have waited long enough."""
+        """Return nodes to the bus that have been in the state bus off for long enough."""
         for node in self.nodes.values():
             if node.off_since < 0:
                 continue

@@ -1,4 +1,4 @@
-"""Captures of a CAN bus as pcapng, the format of Wireshark: conversion of frame blocks to bytes.
+"""Converts blocks of CAN frames to bytes of a capture in the format pcapng, which Wireshark reads.
 
 Sources: the pcapng draft of the IETF (draft-ietf-opsawg-pcapng) and the link type 227, LINKTYPE_CAN_SOCKETCAN, of
 tcpdump.org: the identifier with its flags big-endian, the length, and eight bytes of data.
@@ -46,7 +46,7 @@ _FRAME_BYTES: Final = 16
 
 
 def header_bytes(bus: str, application: str = "astb") -> bytes:
-    """Return the header of a capture of ``bus``: the section and its one interface, with times in ns."""
+    """Return the header of a capture of ``bus``: a section with one interface, with times in ns."""
     section = struct.pack("<IHHq", _MAGIC, 1, 0, -1) + _options((_APPLICATION, application.encode()))
     interface = struct.pack("<HHI", LINK_TYPE, 0, 0)
     interface += _options((_NAME, bus.encode()), (_RESOLUTION, bytes((_NANOSECONDS,))))
@@ -54,8 +54,10 @@ def header_bytes(bus: str, application: str = "astb") -> bytes:
 
 
 def packet_bytes(block: Block, *, outbound: bool) -> bytes:
-    """Return one packet for each frame of ``block`` (times in ns since 1970); ``outbound`` is True for frames of the
-    rig. Raises TypeError if the array is not a frame block.
+    """Return one packet for each frame of ``block`` (times in ns since 1970). ``outbound`` is True for frames of the
+    rig.
+
+    Raises TypeError if the array is not a frame block.
     """
     if block.dtype != FRAME:
         raise TypeError(f"block = array of {block.dtype} is not a frame block (bench_protocol.frames.FRAME)")
@@ -73,7 +75,7 @@ def packet_bytes(block: Block, *, outbound: bool) -> bytes:
 
 
 def statistics_bytes(time: int, dropped: int) -> bytes:
-    """Return the statistics of the interface at ``time`` (ns), with the number of missing frames."""
+    """Return the statistics of the interface at ``time`` (ns since 1970), with the number of ``dropped`` frames."""
     body = struct.pack("<III", 0, time >> 32, time & 0xFFFF_FFFF)
     return _block(_STATISTICS, body + _options((_DROPPED, struct.pack("<Q", dropped))))
 

@@ -1,4 +1,6 @@
-"""The names of the rig's peers: bus of a connection, its full address, and a unique number."""
+"""The names of the clients of a rig. Each consists of the bus, the full address, and a unique number of the
+connection.
+"""
 
 from typing import Final
 
@@ -10,14 +12,15 @@ PORT_MASK: Final = (1 << _PORT_BITS) - 1
 
 
 def peer_name(wire: str, host: str, port: int, number: int) -> str:
-    """Return the name of the connection with this ``number`` from ``port`` of ``host``."""
+    """Return the name of a connection from ``port`` of ``host``. ``wire`` is the bus, and ``number`` is unique."""
     return f"{wire}:{host}:{port}#{number}"
 
 
 def sender_of(peer: str) -> int:
-    """Return the number of the connection ``peer`` in the tick: its own number, and its TCP port.
+    """Return the integer that identifies the connection ``peer`` in the tick. It contains the number and the TCP port
+    of the connection.
 
-    0 without both, because frames on a SocketCAN interface have no sender.
+    Frames on a SocketCAN interface have no sender, and the result is 0.
     """
     address, _, number = peer.partition("#")
     _, colon, port = address.rpartition(":")

@@ -15,10 +15,11 @@ C = TypeVar("C", bound=Connection)
 
 
 class Places(Generic[C]):
-    """The connections of one server: ``limit`` of them, and one for the holder, whom ``holds(peer)`` identifies.
+    """The connections of one server: at most ``limit``, and one for the holder. ``holds(peer)`` identifies the
+    holder.
 
-    When all places are taken, one more client at a time is admitted on trial. It is dropped if it does not hold the
-    bench within 2 s. Therefore other clients cannot block the commander.
+    When all slots are in use, one more client at a time is admitted on trial. It is disconnected unless it becomes the
+    holder within 2 s. So other clients cannot lock out the commander.
     """
 
     def __init__(self, limit: int, holds: Holds | None = None) -> None:
@@ -32,7 +33,7 @@ class Places(Generic[C]):
         return connection in self._taken
 
     def admit(self, connection: C) -> bool:
-        """Give ``connection`` a place, on trial if necessary; return whether there is one."""
+        """Give ``connection`` a slot, on trial if necessary. Return whether there was one."""
         holds = self._holds
         others = sum(not (holds and holds(one.name)) for one in self._taken)
         if others > self._limit or (others == self._limit and holds is None):
@@ -43,7 +44,7 @@ class Places(Generic[C]):
         return True
 
     def leave(self, connection: C) -> bool:
-        """Free the place of ``connection``; return whether it had one."""
+        """Free the slot of ``connection``. Return whether it had one."""
         if connection not in self._taken:
             return False
         del self._taken[connection]

@@ -1,4 +1,4 @@
-"""The rig in real time: the tick in its own thread, the servers in another, alone in a process."""
+"""The rig in real time: the tick runs in one thread and the servers in another, in a process of their own."""
 
 import contextlib
 import gc
@@ -41,11 +41,12 @@ def run_rig(
     stop: threading.Event,
     ready: Callable[[str, str, str], None],
 ) -> None:
-    """Open CAN and Modbus, call ``ready(can, modbus, control)`` with their addresses, and tick until ``stop`` is set.
+    """Open CAN and Modbus, call ``ready(can, modbus, control)`` with their addresses, and run ticks until ``stop`` is
+    set.
 
-    ``can`` is ``auto`` (``vcan0`` if the kernel has it, else TCP), ``tcp`` or a SocketCAN interface. ``stages`` are on
-    the bus before it, and so is ``capture``, from which other programs read all frames on ``capture_port``. Raises
-    OSError with a text if a port cannot be opened; everything is closed on return.
+    ``can`` is ``auto`` (``vcan0`` if the kernel has it, else TCP), ``tcp`` or a SocketCAN interface. Frames pass
+    through ``stages`` and ``capture``. Other programs can read the capture on ``capture_port``. Raises OSError with an
+    explanation if a port cannot be opened. On return everything is closed.
     """
     interface = find_interface() if can == "auto" else None if can == "tcp" else can
     rig.lease.draw_unpredictably()
@@ -84,7 +85,7 @@ def run_rig(
 
 
 def _modbus_server(rig: Rig) -> ModbusTcpServer:
-    """Return the Modbus server of ``rig`` with the faults before it."""
+    """Return the Modbus server of ``rig``, with the Modbus faults between the clients and the rig."""
     faults, lease = rig.faults.points.modbus, rig.lease
     answer = faults.before(rig.answer)
     return ModbusTcpServer(
@@ -93,13 +94,13 @@ def _modbus_server(rig: Rig) -> ModbusTcpServer:
 
 
 def _open_bus(rig: Rig, interface: str | None) -> tuple[CanBus, SocketCan | None, CanHub | None]:
-    """Return the bus of ``rig`` with its server: a SocketCAN ``interface`` if there is one, else the hub."""
+    """Return the bus of ``rig`` and its server. The server is a SocketCAN ``interface`` if there is one, otherwise
+    the hub.
+    """
     clock, started = RealClock(), wall_time_ns()
 
     def now() -> int:
-        """Return the time for stamps, which a step of the system clock does not affect, like those of the rig's
-        frames.
-        """
+        """Return the time for time stamps (ns). A change of the system clock does not affect it."""
         return started + clock.now()
 
     bus = CanBus(rig.receive, clock, now)
@@ -117,7 +118,9 @@ def _open_bus(rig: Rig, interface: str | None) -> tuple[CanBus, SocketCan | None
 
 @contextlib.contextmanager
 def _ticking(rig: Rig, eventfd: int, policy: Late, stop: threading.Event) -> Iterator[None]:
-    """Run the ticks of ``rig`` in its own thread during the block; a failure sets ``stop`` and is raised."""
+    """Run the ticks of ``rig`` in a thread during the ``with`` block. An error in this thread sets ``stop`` and is
+    raised at the end.
+    """
     failed: list[BaseException] = []
 
     def tick() -> None:
@@ -142,7 +145,9 @@ def _ticking(rig: Rig, eventfd: int, policy: Late, stop: threading.Event) -> Ite
 
 @contextlib.contextmanager
 def _undisturbed() -> Iterator[None]:
-    """Switch off the garbage collector of this process, and raise the priority of the process."""
+    """Switch off the garbage collector of this process during the ``with`` block, and raise the priority of the
+    process.
+    """
     hurry_process()
     gc.collect()
     gc.freeze()
@@ -155,7 +160,9 @@ def _undisturbed() -> Iterator[None]:
 
 
 def find_interface() -> str | None:
-    """Return ``vcan0`` if the kernel has it and it is up, like the drivers; a real bus must be requested by name."""
+    """Return ``vcan0`` if the kernel has it and it is up, otherwise None. The drivers do the same. A real bus must be
+    requested by name.
+    """
     try:
         flags = int(Path("/sys/class/net/vcan0/flags").read_text(encoding="ascii"), 16)
     except OSError:

@@ -1,4 +1,6 @@
-"""The Modbus registers of the rig: coherent readings, staged settings, coils, contacts, and write access."""
+"""The Modbus registers of the rig: readings of one sampling instant, staged settings, coils, contacts, and write
+access.
+"""
 
 import math
 import struct
@@ -32,33 +34,33 @@ _TWO_WORDS: Final = struct.Struct(">HH")
 
 
 class Host(Protocol):
-    """Interface of the rig for its registers."""
+    """The attributes and methods of the rig that its registers use."""
 
     values: npt.NDArray[np.float64]  #: all signals by table row, SI; NaN where not available
 
     @property
     def seen(self) -> npt.NDArray[np.float64]:
-        """A copy of ``values`` of one sampling instant, for one request."""
+        """Return a copy of ``values`` at one sampling instant, for one request."""
 
     @property
     def sequence(self) -> int:
-        """A number that changes with every sampling instant: that of ``seen``."""
+        """Return a number that changes with every sampling instant. It belongs to ``seen``."""
 
     def act(self, name: str) -> bool:
-        """Execute the action of a coil; return whether the bench accepted it in its present state."""
+        """Execute the action of a coil. Return whether the bench accepted it in its present state."""
 
     def apply(self, settings: Mapping[str, float]) -> bool:
-        """Apply all settings at once; return whether the bench accepted them."""
+        """Apply all settings at once. Return whether the bench accepted them."""
 
     def contact(self, name: str) -> bool:
         """Return the state of an interlock."""
 
     def read_file(self, number: int) -> Sequence[int]:
-        """Return the registers of a file; empty if there is none."""
+        """Return the registers of a file. The result is empty if there is no such file."""
 
 
 class Space:
-    """One address space of 16-bit words (or bits): the signal at each address, and the limits of 32-bit values."""
+    """One Modbus address space of 16-bit words or bits. It stores which register is at each address."""
 
     def __init__(self, registers: Sequence[Register]) -> None:
         self.size = max((r.address + r.words for r in registers), default=0)
@@ -68,7 +70,9 @@ class Space:
                 self.owner[register.address + k] = register
 
     def slots(self, address: int, count: int) -> list[Register]:
-        """Return the registers in the range. Raises ModbusError if it leaves the map or cuts a 32-bit value in half."""
+        """Return the registers in the range. Raises ModbusError if the range leaves the map or cuts a 32-bit value in
+        half.
+        """
         end = address + count
         if end > self.size:
             raise ModbusError(ILLEGAL_ADDRESS)
@@ -85,7 +89,7 @@ class Space:
 
 
 def float_words(value: float) -> list[int]:
-    """Return the two registers of an IEEE 754 single, high word first."""
+    """Return the two registers of a number in IEEE 754 single precision, high word first."""
     return list(_TWO_WORDS.unpack(_SINGLE.pack(value)))
 
 
@@ -99,7 +103,7 @@ def _single(value: float) -> float:
 
 
 class RegisterBank:
-    """The registers of one rig, shared by all clients; :meth:`seen_by` returns the view of one client."""
+    """The registers of one rig, shared by all clients. :meth:`seen_by` returns the view of one client."""
 
     def __init__(self, table: Table, host: Host, lease: Lease) -> None:
         self.table = table
@@ -120,23 +124,23 @@ class RegisterBank:
         self.notes: dict[int, bytes] = {}
 
     def seen_by(self, peer: str) -> "PeerBank":
-        """Return the bank as ``peer`` sees it."""
+        """Return the registers as the client ``peer`` sees them."""
         return PeerBank(self, peer)
 
     @property
     def unapplied(self) -> bool:
-        """Whether a staged setting differs from the setting in force."""
+        """Whether any staged setting differs from the active setting."""
         return any(
             float_words(self.staged[name]) != float_words(value) for name, value in self.active.items()
         )
 
     def drop_staged(self, author: str | None = None) -> None:
-        """Discard the settings staged by ``author`` (default: by any client), so that no other client applies them."""
+        """Discard the settings staged by ``author`` (default: by any client). So no other client can apply them."""
         if author in (None, self._author):
             self.staged.update(self.active)
 
     def _stage_as(self, peer: str) -> None:
-        """Make ``peer`` the author of staged settings; discard those of another client."""
+        """Make ``peer`` the author of the staged settings. Discard those of another author."""
         if peer != self._author:
             self.drop_staged()
             self._author = peer
@@ -152,7 +156,9 @@ class RegisterBank:
         return words
 
     def _float_rows(self, address: int, count: int) -> npt.NDArray[np.int64] | None:
-        """Return the table rows of a range with only floats of readings, as in most requests; else None."""
+        """Return the table rows of a range that contains only readings as floats, as in most requests. Otherwise
+        return None.
+        """
         span = address, count
         if span not in self._plans:
             slots = self._spaces["input"].slots(address, count)
@@ -196,8 +202,10 @@ class RegisterBank:
         return words
 
     def write_holding(self, address: int, values: Sequence[int], peer: str) -> None:
-        """Stage settings, all or nothing; the lease and the watchdog act at once. Raises ModbusError, with nothing
-        changed, for a value out of range, or a register that only the holder may write.
+        """Stage settings. A write to the registers of lease and watchdog takes effect at once.
+
+        Raises ModbusError, with nothing changed, for a value out of range, or for a register that only the holder may
+        write.
         """
         staged: dict[str, float] = {}
         lease, watchdog = None, None
@@ -224,7 +232,7 @@ class RegisterBank:
             self.staged.update(staged)
 
     def _take_own(self, peer: str, lease: int | None, watchdog: int | None) -> None:
-        """Apply a write to the registers of the lease and the watchdog; only the holder may write the watchdog."""
+        """Apply a write to the registers of lease and watchdog. Only the holder may write the watchdog."""
         holds = self.lease.holds(peer) if lease is None else lease != 0
         if watchdog is not None and not holds:
             self.lease.refuse(peer)
@@ -235,12 +243,14 @@ class RegisterBank:
             self.lease.watch(watchdog)
 
     def read_coils(self, address: int, count: int) -> list[bool]:
-        """Return zeros: coils act on their edge and reset at once."""
+        """Return zeros, because a coil acts when it is set and is reset at once."""
         self._spaces["coil"].slots(address, count)
         return [False] * count
 
     def write_coils(self, address: int, values: Sequence[bool], peer: str) -> None:
-        """Execute the actions of the coils that are set. Raises ModbusError for one that the bench does not accept."""
+        """Execute the actions of the coils that are set. Raises ModbusError for an action that the bench does not
+        accept.
+        """
         slots = self._spaces["coil"].slots(address, len(values))
         for register, value in zip(slots, values, strict=True):
             if not value:
@@ -270,7 +280,7 @@ class RegisterBank:
 
     @cached_property
     def _map(self) -> Sequence[int]:
-        """The file with the signal map of this rig."""
+        """Return the registers of the file with the signal map of this rig."""
         return map_registers(self.table)
 
     def identification(self) -> Mapping[int, bytes]:
@@ -285,9 +295,9 @@ class RegisterBank:
 
 
 class PeerBank:
-    """View of one client on the registers: every client may read, only the holder of the lease may write.
+    """The registers as one client sees them. Every client may read, but only the holder of the lease may write.
 
-    Without a holder, every client may write, so that a command-line client needs no lease.
+    Without a holder, every client may write, so a command-line client needs no lease.
     """
 
     def __init__(self, bank: RegisterBank, peer: str) -> None:
@@ -300,11 +310,13 @@ class PeerBank:
         self.identification = bank.identification
 
     def read_holding(self, address: int, count: int) -> list[int]:
-        """Return staged settings; the lease register has a different value for each client."""
+        """Return staged settings. The lease register has a different value for each client."""
         return self._bank.read_holding(address, count, self._peer)
 
     def write_coils(self, address: int, values: Sequence[bool]) -> None:
-        """Execute the action of the coil that is set; only one may be set, because one of two could be refused."""
+        """Execute the action of the coil that is set. Only one coil may be set, because one of two actions could be
+        refused.
+        """
         self._authorise()
         if sum(values) > 1:
             raise ModbusError(ILLEGAL_VALUE)
@@ -323,6 +335,6 @@ class PeerBank:
             raise ModbusError(NO_AUTHORITY)
 
     def _feed(self) -> None:
-        """Feed the watchdog after an accepted write; a refused write must not feed it."""
+        """Restart the watchdog after an accepted write. A refused write must not restart it."""
         if self._bank.lease.holds(self._peer):
             self._bank.lease.feed()

@@ -1,5 +1,5 @@
-"""The whole rig without sockets and clock: it receives frames and requests, and returns frames and answers, tick by
-tick.
+"""The complete rig without network connections and clock. It receives frames and requests, and returns frames and
+answers, tick by tick.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -69,12 +69,12 @@ class Rig:
     """A virtual rig: plant, tick, states, interlocks, and its CAN and Modbus interfaces.
 
     In virtual time call :meth:`run`. In real time :meth:`keep_time` runs the ticks in a separate thread, without the
-    interpreter; :meth:`collect` returns the sent frames, and every access to the rig takes ``lock`` between two ticks.
-    Times are on the clock of the rig: tick ``k`` is at ``k`` ms.
+    Python interpreter lock, and :meth:`collect` returns the sent frames. Every access to the rig takes ``lock``, which
+    is free between two ticks. Times are on the clock of the rig: tick ``k`` is at ``k`` ms.
 
-    ``log`` is the number of ticks in real time whose lateness is kept. ``every_tick`` names messages to send in every
-    tick; all others are then never sent (a load test of the interfaces). ``springs`` of an FMU replace those of the
-    plant.
+    ``log`` is the number of ticks in real time whose lateness is stored. ``every_tick`` names messages to send in
+    every tick; then no other messages are sent (for a load test of the interfaces). ``springs`` of an FMU replace
+    those of the plant.
     """
 
     #: Text with the reason why the springs of an FMU are lost.
@@ -140,7 +140,9 @@ class Rig:
         self.supervisor.handle(Event.POWER_ON)
 
     def _hold_position(self) -> None:
-        """Set zeros and set-points of the actuators to the bias of their transducers, so that nothing moves."""
+        """Set zeros and set-points of the actuators to the bias of their transducers, so that nothing moves at the
+        start.
+        """
         zero = self.plant.parameters.sensor_bias[list(HOLDING)]
         for what in ("zero", "setpoint", "goal"):
             self._controls[what] = zero
@@ -156,11 +158,13 @@ class Rig:
 
     @cached_property
     def _run_ticks(self) -> Any:
-        """The compiled ticks. Virtual time may use the caller's own, so they are loaded (0.2 s) only on use."""
+        """Return the compiled ticks. They are loaded on first use (0.2 s), because virtual time may use the caller's
+        own ones.
+        """
         return bind(run_ticks, 1, *self._tick_state, self._scratch)
 
     def _bind_kernels(self) -> None:
-        """Bind the compiled functions, so that a call does not check types."""
+        """Bind the compiled functions, so that calls do not check the types of their arguments."""
         self._fill: Any = bind(fill, self._outgoing, 0, self._scratch, 0)
         self._drain: Any = bind(drain, self._outgoing, 0, *self._basket)
         self._look: Any = bind(copy_values, self.values, self._seen, self._control_array, 0)
@@ -200,16 +204,17 @@ class Rig:
     # -- CAN and Modbus ------------------------------------------------------------------------------------------
 
     def receive(self, block: Block, peer: str = "") -> None:
-        """Queue CAN frames from ``peer`` for the next tick, which accepts only those of the holder of the lease."""
+        """Queue CAN frames from ``peer`` for the next tick, which accepts only commands of the holder of the lease."""
         if self.node.concerns(block):
             with self.lock:
                 block = self.node.receive(block, peer)
         self._fill(self._incoming.ring, self.lock.address, copied(block), sender_of(peer))
 
     def answer(self, request: bytes, peer: str = "") -> bytes:
-        """Return the response to one Modbus/TCP request (ADU) from ``peer``; for one thread at a time.
+        """Return the response to one Modbus/TCP request (ADU) from ``peer``. Only one thread at a time may call this.
 
-        It reads one sampling instant. It blocks the tick only for a write that may have an effect.
+        All values in a response are from one sampling instant. The call blocks the tick only for a write that may have
+        an effect.
         """
         self._seen_tick = self._look(self.values, self._seen, self._control_array, self.lock.address)
         may_act = modbus.is_write(request) and self.lease.owner in (None, peer)
@@ -217,13 +222,13 @@ class Rig:
             return modbus.answer(request, self.registers.seen_by(peer))
 
     def peer_lost(self, peer: str) -> None:
-        """Handle a closed connection: the bench holds at once if it was that of the commander."""
+        """Handle a closed connection. If it was that of the commander, the bench holds at once."""
         with self.lock:
             self.registers.drop_staged(peer)
             self.lease.peer_lost(peer)
 
     def send(self, block: Block) -> None:
-        """Send frames outside of the tick, stamped with the time of the rig (ns)."""
+        """Send frames at once, outside of the tick. Their time stamps are the time of the rig (ns)."""
         if self.pacing.real:
             self._fill(self._outgoing, self.lock.address, self.pacing.dated(block), 0)
             self.pacing.wake()
@@ -235,7 +240,7 @@ class Rig:
         return self.run(1)
 
     def run(self, ticks: int, streamed: Streamed | None = None) -> Block:
-        """Run ``ticks`` ticks and return all frames in order, stamped with the rig's time (ns)."""
+        """Run ``ticks`` ticks. Return all frames in order, with the rig's time (ns) as their time stamps."""
         blocks: list[Block] = []
         while ticks > 0:
             before = int(self._controls["tick"])
@@ -245,9 +250,9 @@ class Rig:
         return blocks[0] if len(blocks) == 1 else join(blocks)
 
     def run_until_event(self, ticks: int, streamed: Streamed | None = None) -> tuple[Block, bool]:
-        """Run ``ticks`` ticks, or fewer until an event occurs; return the frames, and whether there was an event.
+        """Run ``ticks`` ticks, or fewer if an event occurs. Return the frames, and whether there was an event.
 
-        ``streamed`` runs the compiled ticks, with commands for the rig at their times.
+        ``streamed`` runs the compiled ticks, and gives the rig its commands at their times.
         """
         with self.lock:
             room = ticks * FRAMES_PER_TICK_MAX
@@ -266,35 +271,35 @@ class Rig:
 
     @property
     def tick_arguments(self) -> tuple[Any, ...]:
-        """Arguments of the compiled ticks after their number."""
+        """Return the arguments of the compiled ticks, without their number."""
         return (*self._tick_state, self._scratch)
 
     @property
     def steady(self) -> bool:
-        """Whether the node sends all messages as after booting, so that clients receive every change."""
+        """Whether the CANopen node sends all messages as after booting, so that clients receive every change."""
         return self.node.operational and self.node.objects.parameters == DEFAULTS
 
     @property
     def status(self) -> tuple[BenchState, int]:
-        """The present state, and that of the function generator."""
+        """Return the present state, and the program state of the function generator."""
         return self.state, int(self._controls["program"])
 
     @property
     def ticks(self) -> int:
-        """Number of the present tick."""
+        """Return the number of the present tick."""
         return int(self._controls["tick"])
 
     @property
     def next_fault(self) -> int:
-        """The tick at which the next fault begins or ends; -1 if none is planned."""
+        """Return the tick at which the next fault begins or ends, or -1 if none is planned."""
         return int(self._controls["fault_tick"])
 
     # -- real time -----------------------------------------------------------------------------------------------
 
     def keep_time(self, eventfd: int, policy: Late = Late.CATCH_UP) -> None:
-        """Tick in real time until ``pacing.stop()``; every sent frame signals ``eventfd``.
+        """Run ticks in real time until ``pacing.stop()`` is called. Every sent frame signals ``eventfd``.
 
-        Frames are stamped with the nominal time of their tick (Unix epoch, ns), so that sampling instants are
+        The time stamp of a frame is the nominal time of its tick (Unix epoch, ns). So sampling instants are
         equidistant even if a tick is late.
         """
         run_ticks = self._run_ticks  # loaded before the first tick is due
@@ -310,34 +315,34 @@ class Rig:
             self.pacing.end()
 
     def collect(self) -> Block:
-        """Return the frames sent since the last call, in real time; for one thread at a time."""
+        """Return the frames sent since the last call, in real time. Only one thread at a time may call this."""
         count = self._drain(self._outgoing, self.lock.address, *self._basket)
         return copied(self._basket[0][:count])
 
     # -- faults, the emergency stop, power -----------------------------------------------------------------------
 
     def order(self, line: bytes) -> bytes:
-        """Execute a command of the fault panel, a line of JSON, and return the answer."""
+        """Execute a command for the fault panel, given as a line of JSON. Return the answer as a line of JSON."""
         return execute_order(self.faults, line, self.lock)
 
     def press_estop(self) -> None:
-        """Press the emergency stop; it is hard-wired, without software between the button and the valves."""
+        """Press the emergency stop. It is hard-wired: there is no software between the button and the valves."""
         with self.lock:
             self.supervisor.estop = True
             self.supervisor.handle(Event.ESTOP)
 
     def release_estop(self) -> None:
-        """Release the button; the bench stays stopped until a reset."""
+        """Release the emergency stop. The bench stays stopped until a reset."""
         with self.lock:
             self.supervisor.estop = False
 
     def cut_power(self) -> None:
-        """Cut the power of valves and actuators, which go to their safe position; the servers keep their power."""
+        """Cut the power of valves and actuators, which go to their safe position. The servers keep their power."""
         with self.lock:
             self.supervisor.handle(Event.POWER_LOST)
 
     def set_mains(self, *, there: bool) -> None:
-        """Switch the mains off, and with it the power, or on; the power returns only by command."""
+        """Switch the mains on or off. Without mains the power is cut; it returns only by a command."""
         with self.lock:
             self.supervisor.mains = there
             if not there:
@@ -354,13 +359,15 @@ class Rig:
             self.generator.hold()
 
     def stall(self, duration: int) -> None:
-        """Delay the next tick by ``duration`` ns, in real time."""
+        """Delay the next tick by ``duration`` ns. This has an effect only in real time."""
         self.pacing.stall(duration)
 
     # -- reports of the interfaces -------------------------------------------------------------------------------
 
     def report_bus(self, load: float, errors: int) -> None:
-        """Publish the fraction of the time in which the bus is busy, and the bench's transmit error counter."""
+        """Publish the bus load (0 to 1) and the transmit error counter of the rig, as a text of the Modbus
+        identification.
+        """
         self.registers.notes[BUS_NOTE] = f"CAN bus load {load:.1%}, {errors} transmit errors".encode()
 
     # -- interface for the CANopen node --------------------------------------------------------------------------
@@ -371,24 +378,24 @@ class Rig:
         return self.lease.token != 0
 
     def is_token(self, token: int, peer: str) -> bool:
-        """Return whether ``peer`` is the CAN connection of the holder, and has sent its ``token``."""
+        """Return whether ``peer`` is the CAN connection of the holder, and ``token`` is the token of the lease."""
         return self.held and self.lease.holds(peer) and token == self.lease.token
 
     def setting(self, name: str) -> float:
-        """Return the value of a setting that is in force."""
+        """Return the value of an active setting (SI)."""
         return self.registers.active[name]
 
     def refuse(self, peer: str, identifier: int) -> None:
-        """Count a refused frame of ``peer``, which is not the holder of the lease."""
+        """Count a refused frame of ``peer``, which does not hold the lease."""
         self.lease.refuse(peer, identifier)
 
     def heartbeat_lost(self) -> None:
-        """Handle the loss of the heartbeat of the commander."""
+        """Handle the missing heartbeat of the commander."""
         self.supervisor.handle(Event.HEARTBEAT_LOST)
         self.emergencies.report(Reason.HEARTBEAT_LOST)
 
     def heartbeat_back(self) -> None:
-        """Handle a heartbeat that has returned, or is no longer expected; a fault stays until it is reset."""
+        """Handle a heartbeat that has returned, or that is no longer expected. A fault stays until it is reset."""
         if self.state not in FAULTS:
             self.emergencies.settle(Reason.HEARTBEAT_LOST)
 
@@ -396,22 +403,22 @@ class Rig:
 
     @property
     def seen(self) -> npt.NDArray[np.float64]:
-        """All signals by table row, at the time of the present request."""
+        """Return all signals by table row (SI), at the sampling instant of the present request."""
         return self._seen
 
     @property
     def sequence(self) -> int:
-        """The sampling instant of ``seen``, modulo 65536."""
+        """Return the number of the sampling instant of ``seen``, modulo 65536."""
         return self._seen_tick // FAST & 0xFFFF
 
     @property
     def state(self) -> BenchState:
-        """The present state of the bench."""
+        """Return the present state of the bench."""
         return self.supervisor.state
 
     @property
     def detectors(self) -> npt.NDArray[np.void]:
-        """The limit detectors with their state, one for each limit; read them between two ticks."""
+        """Return the limit detectors with their state, one for each limit. Read them only between two ticks."""
         return self._detectors
 
     def contact(self, name: str) -> bool:
@@ -419,16 +426,18 @@ class Rig:
         return self._contacts[name]()
 
     def read_file(self, number: int) -> Sequence[int]:
-        """Return the registers of a file of the black box; empty if there is none."""
+        """Return the registers of a file of the black box. The result is empty if there is no such file."""
         return self.black_box.read_file(number)
 
     def act(self, name: str) -> bool:
-        """Execute the action of a coil; return whether the present state allows it."""
+        """Execute the action of a coil. Return whether the present state allows it."""
         with self.lock:
             return self._actions[name]()
 
     def apply(self, settings: Mapping[str, float]) -> bool:
-        """Apply all settings at once; an engaged actuator changes its control mode without a bump."""
+        """Apply all settings at once, and return whether this is allowed. An engaged actuator changes its control
+        mode without a jump.
+        """
         with self.lock:
             before = self._controls["control"].copy()
             taken = self._in_force.apply(settings)
@@ -469,7 +478,7 @@ class Rig:
         self.values[TABLE.index[name]] = value
 
     def _holder_changed(self) -> None:
-        """Reset the state of the last commander, and send the new holder on the bus."""
+        """Reset the state of the last commander, and publish the new holder on the bus."""
         self._decoder.forget()
         self._decoder.latest.fill(np.nan)
         self.registers.drop_staged()
@@ -478,6 +487,6 @@ class Rig:
         self._send_event_messages(self._lease_row)
 
     def _send_event_messages(self, rows: npt.NDArray[np.int64]) -> None:
-        """Send messages that are sent on events."""
+        """Send the messages in ``rows``, which are sent on events only."""
         time = int(self._controls["tick"]) * TICK_NS
         self.send(self._encoder.encode(self.values, rows, time))

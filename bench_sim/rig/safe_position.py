@@ -1,8 +1,9 @@
-"""The safe position: shut-in actuators hold the bolster until its springs are empty, lower it, and are released.
+"""The safe position: actuators with closed valves hold the bolster until its springs are empty, then lower it, and
+are released.
 
 If the actuators were released under pressure, the springs would throw the bolster up: 172 mm at 1.56 bar. So engaged
-actuators stay engaged when commander, communication or power fail. Return springs close the valves of the actuators and
-open the exhausts of the air springs. The orifice of a lowering valve limits the speed.
+actuators stay engaged when commander, communication or power fail. Return springs close the valves of the actuators
+and open the exhausts of the air springs. The orifice of a lowering valve limits the speed.
 """
 
 import math
@@ -30,7 +31,7 @@ _CHAMBERS: Final = tuple(int(sensor) for sensor in sensors_of(Group.PRESSURE))
 
 
 class Grip(IntEnum):
-    """State of actuators that are not engaged."""
+    """The state of actuators that are not engaged."""
 
     OPEN = 0  #: unloaded: they follow without force
     SHUT = 1  #: shut in: they hold against the force of the springs
@@ -39,9 +40,9 @@ class Grip(IntEnum):
 
 @compiled
 def keep_grip(c: Any, values: Any) -> None:
-    """Decide from the readings whether the actuators may be released; ``values``: signals by table row, sensors first.
+    """Decide from the readings whether the actuators are held, lower the bolster, or are released.
 
-    A pressure without a valid reading counts as present.
+    ``values`` are signals by table row, sensors first. A pressure without a valid reading counts as present.
     """
     empty = True
     for chamber in _CHAMBERS:

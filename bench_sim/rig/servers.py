@@ -1,8 +1,8 @@
-"""The rig's network servers in their own thread: opens the ports of CAN hub, Modbus, and capture.
+"""The rig's network servers in a separate thread. They open the ports of CAN hub, Modbus, and capture.
 
-The servers do not import the rig or the plant; they get callables for frames, requests and answers. All run on one
-asyncio loop in one background thread, which calls the callables one at a time. They must return within a fraction of a
-millisecond.
+The servers do not import the rig or the plant. They receive callables for frames, requests and answers. All servers
+run on one asyncio loop in one background thread, which calls the callables one at a time. The callables must return
+within a fraction of a millisecond.
 """
 
 import asyncio
@@ -32,7 +32,7 @@ _BEACON_PERIOD: Final = 3.0  # s, the longest the protocol allows
 
 
 class Servers:
-    """The servers, open, in their own thread; ``stop()`` or leaving the ``with`` block closes everything."""
+    """The running servers and their thread. ``stop()`` or the end of the ``with`` block closes everything."""
 
     def __init__(
         self, thread: threading.Thread, loop: asyncio.AbstractEventLoop, stop: asyncio.Event
@@ -45,7 +45,7 @@ class Servers:
         self.control: Path | None = None
 
     def stop(self) -> None:
-        """Close the ports and all connections and end the thread, within 1 s. Repeated calls are harmless."""
+        """Close the ports and all connections, and end the thread, within 1 s. Repeated calls are harmless."""
         with contextlib.suppress(RuntimeError):  # already closed
             self._loop.call_soon_threadsafe(self._stop.set)
         self._thread.join(timeout=1.0)
@@ -76,13 +76,14 @@ def serve_in_thread(
     eventfd: int | None = None,
     on_wake: Callable[[], None] = _ignore_wake,
 ) -> Servers:
-    """Open the given servers and return when their ports accept connections; port 0 takes a free one.
+    """Open the given servers. Return when their ports accept connections. Port 0 selects a free port.
 
-    Neither protocol has access rights, so any ``host`` except the loopback needs ``allow_remote``. ``beacon`` announces
-    the hub by UDP on the loopback every 3 s (for SavvyCAN). ``on_wake`` is called in the servers' thread after each
-    write to ``eventfd``.
+    The protocols have no access control, so any ``host`` except the loopback needs ``allow_remote``. ``beacon``
+    announces the hub by UDP on the loopback every 3 s (for SavvyCAN). ``on_wake`` is called in the servers' thread
+    after each write to ``eventfd``.
 
-    Raises ValueError for a ``host`` that is not allowed and OSError, with a text, for a port that cannot be opened.
+    Raises ValueError for a ``host`` that is not allowed, and OSError with an explanation for a port that cannot be
+    opened.
     """
     if not allow_remote:
         _require_loopback(host)
@@ -124,7 +125,7 @@ def serve_in_thread(
 
 
 def _start(serve: Callable[[], Coroutine[Any, Any, None]], ready: threading.Event) -> None:
-    """Run ``serve`` on a loop in its own thread; return when it is ``ready``, or raise its error."""
+    """Run ``serve`` on an asyncio loop in a separate thread. Return when it is ``ready``, or raise its error."""
     failed: list[BaseException] = []
 
     def run() -> None:
@@ -152,7 +153,7 @@ def _wake(eventfd: int, on_wake: Callable[[], None]) -> None:
 
 
 def _require_loopback(host: str) -> None:
-    """Raise ValueError if ``host`` can be reached from another machine."""
+    """Raise ValueError if other machines can reach ``host``."""
     with contextlib.suppress(ValueError):  # a name, not an address
         if host == "localhost" or ipaddress.ip_address(host).is_loopback:
             return
@@ -165,7 +166,7 @@ def _require_loopback(host: str) -> None:
 async def _listen(
     stack: contextlib.AsyncExitStack, factory: Callable[[], asyncio.Protocol], host: str, port: int, what: str
 ) -> int:
-    """Open a listening socket that closes with ``stack`` and return its port."""
+    """Open a listening socket and return its port. The socket closes with ``stack``."""
     loop = asyncio.get_running_loop()
     try:
         server = await loop.create_server(factory, host, port, family=_family(host))
@@ -178,7 +179,9 @@ async def _listen(
 
 
 async def _close(server: asyncio.Server) -> None:
-    """Close the listening socket when no connection is just being accepted, because asyncio would leak it."""
+    """Close the listening socket at a moment at which no connection is being accepted. Otherwise asyncio would leak
+    it.
+    """
     loop = asyncio.get_running_loop()
     for sock in server.sockets:
         with contextlib.suppress(NotImplementedError):
@@ -188,7 +191,7 @@ async def _close(server: asyncio.Server) -> None:
 
 
 async def _turns() -> None:
-    """Run the loop for up to five turns, because accepting or closing a connection needs up to three."""
+    """Let the loop run five times, because accepting or closing a connection needs up to three."""
     for _ in range(5):
         await asyncio.sleep(0)
 
@@ -199,7 +202,7 @@ def _family(host: str) -> int:
 
 
 async def _announce(stack: contextlib.AsyncExitStack, bus: str, host: str, port: int) -> None:
-    """Send the beacon now and every 3 s until ``stack`` closes."""
+    """Send the beacon now and then every 3 s until ``stack`` closes."""
     datagram = socketcand.beacon_bytes("astb", host, port, (bus,), "ASTB virtual test bench")
     loop = asyncio.get_running_loop()
     transport: Any

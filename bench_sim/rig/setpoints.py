@@ -1,4 +1,4 @@
-"""Limits of travel and speed for the set-points of the rig, for every source."""
+"""Limits of range and speed for all set-points of the rig, from any source."""
 
 import math
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from bench_sim.rig.controls import TARGETS
 
 @dataclass(frozen=True, slots=True)
 class SetpointPace:
-    """Largest speed of one set-point; SI units per second."""
+    """The largest speeds of one set-point, in SI units per second."""
 
     target: str  #: an actuator, or an axis of the platform as ``platform.roll``
     mode: str  #: the controlled quantity: ``force`` or ``displacement``
@@ -69,16 +69,16 @@ _ACTUATORS: Final = len(ACTUATORS)
 
 
 def too_fast(target: int, mode: int, speed: float) -> bool:
-    """Return whether waves of this peak ``speed`` (SI) are too fast for ``target`` in control ``mode``."""
+    """Return whether waves with this peak ``speed`` (SI) are too fast for ``target`` in the control ``mode``."""
     pace = _TABLE[target][mode]
     return pace is not None and speed > pace.wave
 
 
 @compiled
 def travel(c: Any) -> None:
-    """Move every set-point one tick towards its goal, on a straight line that ends in ``slew`` ticks.
+    """Move every set-point by one tick towards its goal. A straight line reaches the goal in ``slew`` ticks.
 
-    A goal that is too far away is reached later, at the greatest speed.
+    If this would exceed the largest speed, the set-point moves at that speed and reaches its goal later.
     """
     for row in range(TARGETS):
         if c.slew[row] > 0:
@@ -96,7 +96,9 @@ def travel(c: Any) -> None:
 
 
 def frames_of_setpoints() -> npt.NDArray[np.int64]:
-    """Return by table row the number of set-points in the frame that begins with it; 0 for other rows."""
+    """Return, for each table row, the number of set-points in the frame that begins with this row. It is 0 for other
+    rows.
+    """
     fields = np.zeros(len(TABLE.signals), np.int64)
     for message in TABLE.messages:
         if all(field.signal.endswith("_setpoint") for field in message.fields):
@@ -105,13 +107,15 @@ def frames_of_setpoints() -> npt.NDArray[np.int64]:
 
 
 def ranges() -> npt.NDArray[np.float64]:
-    """Return the lowest and the highest value by table row (SI), each with a tolerance of half a step: (n, 2)."""
+    """Return the lowest and the highest valid value for each table row (SI), (n, 2), with a tolerance of
+    half a step.
+    """
     return np.array([(one.low - 0.5 * one.step, one.high + 0.5 * one.step) for one in TABLE.signals])
 
 
 @compiled
 def outside(signals: Any, values: Any, first: int, count: int, ranges: Any) -> bool:
-    """Return whether one of ``count`` samples from ``first`` on is out of its range; NaN means "as before" and is
+    """Return whether one of ``count`` samples, from ``first`` on, is out of its range. NaN means "no change" and is
     allowed.
     """
     for k in range(first, first + count):

@@ -1,4 +1,4 @@
-"""A SocketCAN interface of the rig: frames are sent in bulk, and a separate thread receives."""
+"""A SocketCAN interface of the rig. The tick sends many frames at once, and a separate thread receives."""
 
 import contextlib
 import select
@@ -27,9 +27,9 @@ _POLL: Final = 0.2  # s, how long close() may wait for the reading thread
 
 
 class SocketCan:
-    """Opens ``interface`` and calls ``on_frames(block, interface)`` with the frames of other nodes.
+    """Opens ``interface``, and calls ``on_frames(block, interface)`` with the frames of other nodes.
 
-    Raises OSError with a text if the kernel has no such interface.
+    Raises OSError with an explanation if the kernel has no such interface.
     """
 
     def __init__(self, interface: str, on_frames: Callable[[Block, str], None]) -> None:
@@ -56,7 +56,7 @@ class SocketCan:
         self._thread.start()
 
     def publish(self, block: Block) -> None:
-        """Send all frames of ``block``."""
+        """Send all frames of ``block``. Frames that the interface refuses are counted in ``dropped``."""
         wire = np.zeros(block.size, _WIRE)
         wire["id"] = block["id"] | np.where(block["extended"], _EXTENDED_FLAG, 0).astype(np.uint32)
         wire["length"], wire["data"] = block["length"], block["data"]
@@ -68,7 +68,9 @@ class SocketCan:
                 self.dropped += 1
 
     def relay(self, block: Block, peer: str) -> None:
-        """Send the frames of another node; nodes on the interface receive each other directly."""
+        """Send frames of another node. Frames from the interface itself are not sent, because its nodes receive each
+        other directly.
+        """
         if peer != self.interface:
             self.publish(block)
 
@@ -101,7 +103,7 @@ class SocketCan:
 
 
 def _block(wire: npt.NDArray[np.void]) -> Block:
-    """Return the data frames in ``wire`` as a frame block; bytes after a frame's length are zero."""
+    """Return the frames in ``wire`` as a frame block. Bytes after the length of a frame are zero."""
     block = np.zeros(wire.size, FRAME)
     extended = wire["id"] & _EXTENDED_FLAG != 0
     block["id"] = np.where(extended, wire["id"] & _ID_MASK, wire["id"] & STANDARD_ID_MAX)

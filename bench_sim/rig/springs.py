@@ -9,33 +9,33 @@ from bench_sim.model.external_springs import ExternalSprings
 
 
 class ReplacementSprings(Protocol):
-    """Replace the springs of the plant."""
+    """The methods of springs that replace those of the plant."""
 
     @property
     def arrays(self) -> ExternalSprings:
-        """Arrays that the tick reads and writes."""
+        """Return the arrays that the tick reads and writes."""
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences for the user before a run."""
+        """Return sentences for the user, which are shown before a run."""
 
     @property
     def too_slow(self) -> bool:
-        """Whether a rig in real time could not catch up."""
+        """Whether a rig in real time could not catch up after late ticks."""
 
     @property
     def adjustable(self) -> frozenset[str]:
-        """Parameters that an operator changes between runs and for which these springs have inputs."""
+        """Return the parameters that a person changes between runs and for which these springs have inputs."""
 
     @property
     def owned(self) -> frozenset[str]:
-        """Parameters of the bench's model that these springs replace."""
+        """Return the names of the bench parameters that these springs replace."""
 
     def pressures(self) -> npt.NDArray[np.float64]:
-        """Return the gauge pressure in all chambers, Pa."""
+        """Return the gauge pressures in all chambers in Pa."""
 
     def limit_timeout(self) -> None:
-        """Limit the timeout of a step to what clients of a rig in real time allow."""
+        """Reduce the timeout of a step to the time that clients of a rig in real time allow."""
 
     def failure(self) -> str:
-        """Return as text why they have failed."""
+        """Return a text with the reason why the springs have failed."""

@@ -1,4 +1,4 @@
-"""The states of the bench as a table: every transition is a row, and all others are refused."""
+"""The states of the bench. Every possible transition is a row of a table; all other events are refused."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -42,7 +42,9 @@ class Event(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """One row: in ``source``, ``event`` leads to ``target``; ``needs`` names a condition as text."""
+    """One row of the table: in the state ``source``, ``event`` leads to ``target``. ``needs`` is the text of a
+    condition, or "".
+    """
 
     source: BenchState
     event: Event
@@ -151,7 +153,7 @@ EMERGENCY_CODES: Final[dict[Reason, int]] = {
 
 
 class StateMachine:
-    """The present state, which only events change."""
+    """The present state of the bench, which only events can change."""
 
     def __init__(self, conditions: dict[str, Callable[[], bool]]) -> None:
         self._conditions = conditions
@@ -160,14 +162,14 @@ class StateMachine:
         self.reason = Reason.NONE
 
     def allows(self, event: Event) -> bool:
-        """Return whether ``event`` has a transition in the present state, and its condition is met."""
+        """Return whether ``event`` has a transition in the present state whose condition is met."""
         row = self._rows.get((self.state, event))
         return row is not None and (not row.needs or self._conditions[row.needs]())
 
     def handle(self, event: Event) -> bool:
-        """Take the transition for ``event`` if there is one.
+        """Take the transition for ``event``. Return False if there is none.
 
-        The first reason for a fault stays until it is reset; only an emergency stop replaces it.
+        The first reason for a fault stays until a reset. Only an emergency stop replaces it.
         """
         if not self.allows(event):
             return False

@@ -42,11 +42,11 @@ _ON_TRIP: Final = {
 
 
 class Supervisor:
-    """Handles, between two ticks, the events of the tick and the requests from CAN and Modbus.
+    """Handles the events of the tick and the requests from CAN and Modbus, between two ticks.
 
-    It writes the ``controls`` of the tick and the signals in ``values`` (SI, by table row). ``watched`` has the limits
-    and their detectors. It resets the settings ``in_force``, logs events to ``black_box``, and reports errors to
-    ``emergencies``.
+    It writes the ``controls`` of the tick and the signals in ``values`` (SI, by table row). ``watched`` contains the
+    limits and their detectors. The supervisor resets the settings ``in_force``, logs events to ``black_box``, and
+    reports errors to ``emergencies``.
     """
 
     def __init__(
@@ -84,16 +84,16 @@ class Supervisor:
 
     @property
     def silence(self) -> int:
-        """Ticks since the last valid command."""
+        """Return the number of ticks since the last valid command."""
         return int(self._controls["tick"] - self._controls["command_tick"])
 
     @property
     def limits_broken(self) -> bool:
-        """Whether a limit has tripped or is still exceeded."""
+        """Whether a limit has tripped or is still exceeded after a reset."""
         return bool((self._detectors["tripped"] | self._detectors["standing"]).any())
 
     def command_valid(self) -> bool:
-        """Return whether a commander is active and its enable bit is set."""
+        """Return whether a commander sends valid commands with the enable bit set."""
         return (
             self._controls["commander"] >= 0
             and self.silence * TICK < DISABLE_AFTER
@@ -101,7 +101,7 @@ class Supervisor:
         )
 
     def command(self, bits: ControlBit) -> None:
-        """Act on the D, H, M and R bits of a valid Control message in which one of them has changed."""
+        """Handle a valid Control message in which a bit has changed: D (enable), H (hold), M (active) or R (reset)."""
         rising, self._bits = bits & ~self._bits, bits
         if not bits & ControlBit.ENABLE:
             self.handle(Event.DISABLE)
@@ -114,14 +114,14 @@ class Supervisor:
         self._step_down()
 
     def _step_down(self) -> None:
-        """Leave the states whose bits are cleared. A rising edge of a bit enters a state, a low level leaves it."""
+        """Leave the states whose bits are cleared. A rising edge of a bit enters a state, and a low level leaves it."""
         if not self._bits & ControlBit.HOLD:
             self.handle(Event.RELEASE)
         if not self._bits & ControlBit.ACTIVE:
             self.handle(Event.PAUSE)
 
     def run_program(self) -> bool:
-        """Start or resume the program of the generator; return whether that is possible now."""
+        """Start or resume the program of the generator. Return whether that is possible now."""
         if self.state is not BenchState.ACTIVE or not self._in_force.generator.run():
             return False
         if self._in_force.generator.moves_actuators:
@@ -129,18 +129,20 @@ class Supervisor:
         return True
 
     def run_car(self) -> bool:
-        """Start the ride of the car in the settings; return whether that is possible now."""
+        """Start the ride of the car in the settings. Return whether that is possible now."""
         if self.state is not BenchState.ACTIVE or not self._in_force.generator.ride():
             return False
         self.engage()
         return True
 
     def add_to_program(self) -> bool:
-        """Store the wave of the settings for the next program; return whether that is possible now."""
+        """Add the wave of the settings to the next program. Return whether that is possible now."""
         return self.state is BenchState.ACTIVE and self._in_force.generator.add()
 
     def applied(self, *, steered: bool) -> None:
-        """Apply new settings of a commander to air and actuators; ``steered`` is True after a change of a mode."""
+        """Handle new settings of a commander. ``steered`` is True if a control mode has changed; then the actuators
+        are engaged.
+        """
         if self.state not in LIVE:
             return
         c = self._controls
@@ -151,13 +153,13 @@ class Supervisor:
             self.engage()
 
     def engage(self) -> None:
-        """Engage actuators that are still shut in, at their present positions."""
+        """Engage the actuators at their present positions, if their valves are still closed."""
         if self.state in ENGAGED and not self._controls["engaged"]:
             self._in_force.engage()
         self._controls["ordered"] = 0
 
     def forget(self) -> None:
-        """Discard the program and settings of the last holder, because the bench has a new holder or none."""
+        """Discard the program and settings of the last holder. Called when the bench has a new holder or none."""
         c = self._controls
         self._in_force.generator.drop()
         self._bits = ControlBit.NONE
@@ -171,10 +173,10 @@ class Supervisor:
             self._in_force.generator.forget()
 
     def handle(self, event: Event, tripped: int = 0) -> bool:
-        """Pass an event to the state machine and apply the new state; return whether the state has changed.
+        """Pass an event to the state machine and apply the new state. Return whether the state has changed.
 
-        An error is also reported if a fault state ignores it. ``tripped`` is the number of the reading whose limit
-        tripped.
+        In a fault state, an error is reported even if it does not change the state. ``tripped`` is the number of the
+        reading that exceeded its limit.
         """
         before = self.state
         changed = self.machine.handle(event)
@@ -216,9 +218,11 @@ class Supervisor:
         return True
 
     def _hold_on(self, before: BenchState, event: Event) -> None:
-        """Set the hold of the actuators: actuators stay shut in until a client commands a position.  Therefore arming
-        causes no motion, even while the springs are being vented or before the bolster is set down. Resuming causes no
-        motion either: otherwise an actuator that could not follow would jump to its set-point.
+        """Decide whether the actuators keep their valves closed in the new state. They do so until a client commands
+        a position.
+
+        Therefore arming causes no motion, even while the springs are being vented or before the bolster is set down.
+        Resuming causes no motion either. Otherwise an actuator that could not follow would jump to its set-point.
         """
         state, c = self.state, self._controls
         if state in ENGAGED:
@@ -237,7 +241,7 @@ class Supervisor:
             c["grip"] = Grip.SHUT  # also for a bolster that floated on its springs: it must not move
 
     def _freeze(self, *, keep_program: bool) -> None:
-        """Stop all motion: set-points stay, and the generator pauses, or ends and keeps its offset."""
+        """Stop all motion. Set-points keep their values. The generator pauses, or ends and keeps its offset."""
         c = self._controls
         if keep_program:
             self._in_force.generator.hold()
@@ -281,14 +285,14 @@ class Supervisor:
         self._values[TABLE.index[name]] = value
 
     def _tripped(self, action: LimitAction) -> bool:
-        """Return whether a limit has tripped whose action is at least ``action``."""
+        """Return whether a limit has tripped with this ``action`` or a stronger one."""
         return any(
             tripped and limit.action >= action
             for limit, tripped in zip(self._limits, self._detectors["tripped"], strict=True)
         )
 
     def _trip(self) -> None:
-        """Apply the actions of the limits that have just tripped, the strongest first; report the first trip."""
+        """Apply the actions of the limits that have just tripped, the strongest first. Publish the first trip."""
         just_now = np.flatnonzero(self._detectors["tripped"] > self._detectors["reported"])
         self._detectors["reported"] = self._detectors["tripped"]
         if self._values[TABLE.index["rig.tripped"]] == 0:
@@ -308,9 +312,10 @@ class Supervisor:
         self._black_box.trigger(tick, limit.trip_message(judged), limit.signal)
 
     def reset(self) -> bool:
-        """Clear the latched trips if the state machine accepts the reset; return whether they were cleared.
+        """Clear the latched trips if the state machine accepts the reset. Return whether they were cleared.
 
-        Limits that only indicate, or hold the program, do not change the state; neither does their reset.
+        Limits that only indicate, or only hold the program, do not change the state. Their reset does not change it
+        either.
         """
         if not self.handle(Event.RESET) and not (self.state in LIVE and self._detectors["tripped"].any()):
             return False

@@ -1,7 +1,7 @@
 """The compiled tick: set-points, function generator, air control, plant step, sampling, frames, watchdog, limits.
 
-One call runs the requested number of ticks, or fewer: it stops after a tick with an event for the state machine. So
-real time (one tick per call) and virtual time (many) behave the same.
+One call runs the requested number of ticks. It stops earlier after a tick with an event for the state machine. So real
+time (one tick per call) and virtual time (many ticks per call) behave the same.
 """
 
 import math
@@ -101,10 +101,11 @@ _PLATEAU: Final = WAVES.index("plateau")
 
 @compiled
 def waveform(wave: int, phase: float, cycles: float) -> float:
-    """Return the unit wave at ``phase`` (cycles since start) of a program of ``cycles`` whole cycles.
+    """Return the value (−1 to 1) of a wave at ``phase``, the cycles since its start. ``cycles`` is its whole number
+    of cycles.
 
-    Sine, triangle and plateau fade in over the first cycle and out over the last; the unilateral cosine ``(1 - cos(2 pi
-    phase)) / 2`` starts and ends at rest without a fade. Before its start, ``phase`` < 0, a wave is 0.
+    Sine, triangle and plateau fade in over the first cycle and out over the last one. The unilateral cosine ``(1 -
+    cos(2 pi phase)) / 2`` starts and ends at rest without this. Before its start (``phase`` < 0) a wave is 0.
     """
     if phase < 0.0:
         return 0.0
@@ -131,7 +132,7 @@ def waveform(wave: int, phase: float, cycles: float) -> float:
 
 @compiled
 def _generate(c: Any) -> int:
-    """Advance all waves of the function generator by one tick and set its offsets."""
+    """Advance all waves of the function generator by one tick, and set the offsets. Return the `Happened` events."""
     happened = Happened.NOTHING.value
     if c.program == Program.RUN:
         going = False
@@ -153,7 +154,7 @@ def _generate(c: Any) -> int:
 
 @compiled
 def _advance_program(c: Any, mem: Any, par: Any, sampling: Any) -> int:
-    """Advance the program by one tick: its waves, or the ride of the car."""
+    """Advance the program by one tick: its waves, or the ride of the car. Return the `Happened` events."""
     if c.riding != 0:
         return int(ride(c, mem, par, sampling.faults, sampling.readings))
     return int(_generate(c))
@@ -161,7 +162,7 @@ def _advance_program(c: Any, mem: Any, par: Any, sampling: Any) -> int:
 
 @compiled
 def _opening(mode: int, target: float, pressure: float) -> float:
-    """Return the opening of a service valve, -1 (exhaust) to 1 (fill), of the pressure controller."""
+    """Return the opening of a service valve, from -1 (exhaust) to 1 (fill). The pressure controller computes it."""
     error = target - pressure
     if math.isnan(error) or abs(error) < _DEAD_ZONE:
         return 0.0
@@ -176,7 +177,7 @@ def _opening(mode: int, target: float, pressure: float) -> float:
 def _set_inputs(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
     """Convert the controls to the inputs of the plant.
 
-    An actuator in displacement control follows its own transducer, and so has the error of its zero.
+    An actuator in displacement control follows its own transducer, so it has the zero error of this transducer.
     """
     travel(c)
     for actuator in range(len(ACTUATORS)):
@@ -218,7 +219,9 @@ def _set_inputs(c: Any, u: Any, pressure_left: float, pressure_right: float) -> 
 
 @compiled
 def _expired_watchdogs(c: Any) -> int:
-    """Return the watchdogs that expire in this tick: of commands (late, lost), of the holder's writes, of a lease."""
+    """Return the events of watchdogs that expire in this tick: commands late or lost, writes of the holder, or the
+    lease.
+    """
     happened = Happened.NOTHING.value
     silence = c.tick - c.command_tick
     if c.tick == c.write_deadline:
@@ -244,7 +247,7 @@ def _expired_watchdogs(c: Any) -> int:
 
 @compiled
 def _due_parts(c: Any) -> int:
-    """Return the parts that have something to do in this tick: the state machine, the fault panel."""
+    """Return the events for the state machine and for the fault panel that are due in this tick."""
     happened = Happened.NOTHING.value
     if c.tick == c.alarm:
         happened |= Happened.ALARM.value
@@ -254,9 +257,9 @@ def _due_parts(c: Any) -> int:
 
 
 class PlantArrays(NamedTuple):
-    """The arrays of the plant for its compiled step; one record each in ``memory`` and ``parameters``.
+    """The arrays of the plant for its compiled step. ``memory`` and ``parameters`` contain one record each.
 
-    ``external_springs`` are springs of an external library, if there are any.
+    ``external_springs`` are the springs of an external library, if there are any.
     """
 
     state: npt.NDArray[np.float64]
@@ -267,7 +270,7 @@ class PlantArrays(NamedTuple):
 
 
 class Sampling(NamedTuple):
-    """The data sampled at 200 Hz: readings of the sensors, all signals by table row, limits and faults on them."""
+    """The data of a sampling instant (200 Hz): readings of the sensors, all signals by table row, limits and faults."""
 
     readings: npt.NDArray[np.float64]
     values: npt.NDArray[np.float64]  #: SI; the measurements are first, in the order of the sensors
@@ -277,7 +280,7 @@ class Sampling(NamedTuple):
 
 
 class Sending(NamedTuple):
-    """The layout of the frames, their counters, and the rows of the messages sent at each rate."""
+    """The layout of the frames, their counters, and the rows of the messages that are sent at each rate."""
 
     messages: npt.NDArray[np.void]
     fields: npt.NDArray[np.void]
@@ -290,13 +293,15 @@ class Sending(NamedTuple):
 
 @compiled
 def _send(values: Any, sending: Sending, rows: Any, time: int, out: Any, position: int) -> int:
-    """Write one frame per message in ``rows`` to ``out``; return the position after the last."""
+    """Write one frame for each message in ``rows`` to ``out``. Return the position after the last one."""
     return encode_into(values, rows, time, sending.messages, sending.fields, sending.counters, out, position)
 
 
 @compiled
 def _step(c: Any, plant: PlantArrays, scheme: tuple[int, int], work: Any, algebraic: Any, ideal: Any) -> int:
-    """Take a step; report failed external springs once, and again at each arming of the bench."""
+    """Take a step of the plant. Return `Happened.SPRING_LOST` if external springs have failed: once, and again while
+    the bench is armed.
+    """
     x, u, mem, par = plant.state, plant.inputs, plant.memory[0], plant.parameters[0]
     if plant.external_springs.numbers[Slot.ON] == 0:
         step(x, mem, u, par, TICK, scheme, work, algebraic, ideal)
@@ -313,7 +318,7 @@ def _step(c: Any, plant: PlantArrays, scheme: tuple[int, int], work: Any, algebr
 def _read_sensors(
     c: Any, plant: PlantArrays, sampling: Sampling, work: Any, algebraic: Any, ideal: Any
 ) -> None:
-    """Read the sensors; readings are NaN once external springs have failed."""
+    """Read the sensors. The readings are NaN after external springs have failed."""
     x, u, mem, par = plant.state, plant.inputs, plant.memory[0], plant.parameters[0]
     if plant.external_springs.numbers[Slot.ON] == 0:
         observe(x, mem, u, par, work[0], algebraic, ideal)
@@ -328,7 +333,7 @@ def _read_sensors(
 
 @compiled
 def _store_and_check(c: Any, sampling: Sampling) -> int:
-    """Store the new readings of the sensors; return the events of the limits."""
+    """Store the new readings of the sensors as signals. Return the events of limits and black box."""
     for k in range(SENSORS):
         sampling.values[k] = sampling.readings[k]
     keep_grip(c, sampling.values)
@@ -338,7 +343,7 @@ def _store_and_check(c: Any, sampling: Sampling) -> int:
 
 @compiled
 def _write_frames(c: Any, values: Any, sending: Sending, out: Any, position: int) -> int:
-    """Write the frames of a sampling instant to ``out``; return the position after the last."""
+    """Write the frames of a sampling instant to ``out``. Return the position after the last one."""
     time = c.tick * TICK_NS
     position = _send(values, sending, sending.fast, time, out, position)
     values[_TICK_ROW] = c.tick % TICK_MODULUS
@@ -355,7 +360,7 @@ def _write_frames(c: Any, values: Any, sending: Sending, out: Any, position: int
 
 @compiled
 def _end(pacing: Pacing, outgoing: Ring, out: Any, frames: int) -> None:
-    """Send the frames of a tick with the time of day, and unlock the mutex."""
+    """Send the frames of a tick in real time, with the time of day as their time stamps, and unlock the mutex."""
     pace = pacing.record[0]
     for k in range(frames):
         out[k].time += pace.epoch
@@ -367,7 +372,9 @@ def _end(pacing: Pacing, outgoing: Ring, out: Any, frames: int) -> None:
 
 @compiled_entry
 def copy_values(values: Any, seen: Any, controls: Any, mutex: int) -> int:
-    """Copy all signals between two ticks; return the tick; ``mutex``: address of the mutex."""
+    """Copy all signals to ``seen`` between two ticks. Return the number of the tick. ``mutex`` is the address of the
+    mutex.
+    """
     thread = lock_yielding(mutex)
     for row in range(values.size):
         seen[row] = values[row]
@@ -388,11 +395,12 @@ def run_ticks(
     pacing: Pacing,
     out: Any,
 ) -> tuple[int, int, int]:
-    """Run up to ``ticks`` ticks; return (ticks run, frames written to ``out``, events of the last one).
+    """Run up to ``ticks`` ticks. Return the number of ticks, the number of frames written to ``out``, and the events
+    of the last tick.
 
-    Records are passed in arrays of one: numba checks an array in 0.2 µs and a record in 13. ``out`` must have room for
-    `FRAMES_PER_TICK_MAX` frames per tick. In real time the interpreter lock is released meanwhile; each tick waits for
-    its time and locks the mutex while it runs, and its frames are sent through the ring ``outgoing``.
+    Records are passed as arrays of one element: numba checks an array in 0.2 µs and a record in 13 µs. ``out`` must
+    have room for `FRAMES_PER_TICK_MAX` frames per tick. In real time the call releases the interpreter lock. Each tick
+    waits for its time, locks the mutex while it runs, and sends its frames through the ring buffer ``outgoing``.
     """
     pace = pacing.record[0]
     real = pace.paced != 0

@@ -1,4 +1,4 @@
-"""Change of the parameters of a running bench at one instant, without a change of its state."""
+"""Changes parameters of a running bench at one instant, without a change of its state."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
@@ -51,8 +51,9 @@ VOLUMES: Final = frozenset(
 
 
 def differing(before: Any, after: Any) -> list[str]:
-    """Return the names of the parameters that differ between two records. Raises `ParameterError` for a parameter that
-    cannot change while the bench runs.
+    """Return the names of the parameters that differ between two records.
+
+    Raises `ParameterError` for a parameter that cannot change while the bench runs.
     """
     names = [name for name in before.dtype.names if not np.array_equal(before[name], after[name])]
     for name in names:
@@ -65,10 +66,9 @@ def differing(before: Any, after: Any) -> list[str]:
 
 
 def turn(rig: "Rig", at: float, names: list[str], after: Any) -> None:
-    """Set the parameters ``names`` to those of the record ``after`` from ``at`` s of the rig's time on.
+    """Set the parameters ``names`` to those of the record ``after``, from ``at`` s of the rig's time on.
 
-    Active faults continue to change the new parameters. Raises RuntimeError for parameters of springs that an FMU
-    computes.
+    Active faults also change the new values. Raises RuntimeError for parameters of springs that an FMU computes.
     """
     points = rig.faults.points
     points.parameters.own(names)
@@ -80,8 +80,9 @@ def turn(rig: "Rig", at: float, names: list[str], after: Any) -> None:
 def take(plant: "Plant", values: Mapping[str, npt.NDArray[np.float64]]) -> None:
     """Set parameters of a running plant, and adapt its memory to them.
 
-    Masses, energies, positions and speeds stay. Rubber that begins to relax is relaxed at its present position.
-    Readings that become delayed stay constant until the first delayed one arrives. Drifts and a slow clock start now.
+    Masses, energies, positions and speeds do not change. Rubber that begins to relax is relaxed at its present
+    position. If a reading gets a delay, it stays constant until its first delayed value arrives. Drifts and a slow
+    clock start now.
     """
     par, mem = plant.parameters, plant.memory
     found = {name: np.array(value) for name, value in values.items()}
@@ -99,10 +100,10 @@ def take(plant: "Plant", values: Mapping[str, npt.NDArray[np.float64]]) -> None:
 
 
 def _take_dashpots(plant: "Plant", ratios: npt.NDArray[np.float64], times: npt.NDArray[np.float64]) -> None:
-    """Give each extra branch of the rubber its own dash-pots, also if its place in the list has changed.
+    """Keep the dash-pot positions of each extra rubber branch, even if the index of the branch has changed.
 
-    The list has no gaps: when a branch ends, those after it move up. A new branch is relaxed at the position of its
-    bellows.
+    The list of branches has no gaps: when a branch ends, those after it move up. A new branch is relaxed at the
+    position of its bellows.
     """
     par, mem = plant.parameters, plant.memory
     first = int(State.EXTRA_VERTICAL_DASHPOT)

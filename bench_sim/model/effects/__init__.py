@@ -1,7 +1,7 @@
-"""The catalogue of effects: causes that can be added to the bench and that a diagnosis can name.
+"""The catalogue of effects: physical causes that can be added to the bench, and that a diagnosis can find.
 
-Each family has a file with its effects in order. An effect that changes one quantity is a row; its change is made by
-`adds` or `scales` of `effect`.
+Each family of effects has one file. If an effect changes one parameter, `adds` or `scales` of `effect` define its
+change.
 """
 
 from collections.abc import Mapping

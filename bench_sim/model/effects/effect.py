@@ -1,4 +1,4 @@
-"""An effect is a named cause that changes the plant's parameters. Its amplitude is 0 when it is not present."""
+"""An effect is a physical cause that changes parameters of the plant. With amplitude 0 the effect is absent."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,12 +16,12 @@ PLACES: Final = ("left", "right")
 
 
 def springs(place: int | None) -> slice | int:
-    """Return the index of one spring in a quantity of both springs, or of both."""
+    """Return the index of one spring in a parameter of both springs, or a slice of both if ``place`` is None."""
     return slice(None) if place is None else place
 
 
 class ShownBy(Enum):
-    """The test that makes an effect visible in the readings of a bench."""
+    """The kind of test that makes an effect visible in the readings of a bench."""
 
     MOTION = "the springs are moved, leveling and differential pressure valves isolated"
     CONNECTED_VALVES = "the springs are moved while these valves are connected and open"
@@ -30,7 +30,7 @@ class ShownBy(Enum):
 
 @dataclass(frozen=True, slots=True)
 class EffectParameter:
-    """A parameter of an effect, in SI: its nominal and typical values, and its limits."""
+    """A parameter of an effect: nominal and typical value, and limits, all in SI units."""
 
     name: str
     unit: str  #: SI
@@ -54,16 +54,16 @@ def adds(
     *,
     by_place: Sequence[int | Sequence[int]] | None = None,
 ) -> Change:
-    """Return a change that adds a parameter of the effect to a quantity of the plant.
+    """Return a `Change` that adds a parameter of the effect to a parameter of the plant.
 
-    A quantity of both springs changes on the side of the effect, or on both. A quantity of sensors changes for
-    ``sensors``, or for those in ``by_place`` at the place of the effect.
+    A plant parameter of both springs changes on the side of the effect, or on both sides if it has none. A plant
+    parameter of sensors changes for ``sensors``, or for the sensors in ``by_place`` at the place of the effect.
     """
     return partial(_add, quantity, parameter, sensors, by_place)
 
 
 def scales(quantity: str, parameter: str) -> Change:
-    """Return a change that increases a quantity of the plant by a share, which is a parameter of the effect."""
+    """Return a `Change` that multiplies a parameter of the plant by 1 + a parameter of the effect."""
     return partial(_scale, quantity, parameter)
 
 
@@ -95,7 +95,7 @@ def _scale(quantity: str, parameter: str, par: Any, place: int | None, values: M
 
 
 def free_slots(amounts: Any, wanted: int, what: str) -> int:
-    """Return the index of the first free element; raise ValueError if fewer than ``wanted`` are free."""
+    """Return the index of the first free element. Raises ValueError if fewer than ``wanted`` elements are free."""
     used = int((amounts != 0.0).sum())
     if used + wanted > len(amounts):
         raise ValueError(
@@ -106,10 +106,10 @@ def free_slots(amounts: Any, wanted: int, what: str) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """One effect. With amplitude 0 `change` leaves the record unchanged, bit for bit.
+    """One effect. With amplitude 0 `change` leaves the parameter record unchanged, bit for bit.
 
-    Its declared properties are tested: its readings are continuously differentiable in the amplitude at 0 (unless it is
-    not ``smooth``), and air stays in the springs (unless it ``loses_air``) and keeps its energy.
+    Tests check the declared properties. If ``smooth``, the readings are continuously differentiable in the amplitude
+    at 0. Unless it ``loses_air``, the mass of the air is constant and energy is conserved.
     """
 
     name: str
@@ -140,5 +140,7 @@ class Effect:
 
     @property
     def diagnosable(self) -> bool:
-        """Whether a replay of the measured motion can identify it; otherwise only the simulated rig can have it."""
+        """Whether a diagnosis can identify this effect from the measured motion. Otherwise only the simulated rig can
+        have it.
+        """
         return self.smooth and self.shown_by is not ShownBy.COMMANDS

@@ -15,7 +15,7 @@ CHOKED: Final = 0.6847
 
 
 def sonic_conductance(area: float, gas_constant: float) -> float:
-    """C in m³/(s·Pa) of a hole with the effective ``area`` in m²."""
+    """Return the sonic conductance C in m³/(s·Pa) of a hole with the effective ``area`` in m²."""
     return area * CHOKED / (ISO_DENSITY * sqrt(gas_constant * ISO_TEMPERATURE))
 
 

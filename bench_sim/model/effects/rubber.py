@@ -13,7 +13,9 @@ from bench_sim.model.effects.effect import Effect, EffectParameter, free_slots
 
 
 def add_branch(par: Any, ratio: float, time: float) -> None:
-    """Append a Maxwell branch of stiffness ``ratio`` k_sh and time constant ``time`` s; none if the ratio is 0."""
+    """Add a Maxwell branch with the stiffness ``ratio`` · k_sh and the time constant ``time`` s, unless the ratio is
+    0.
+    """
     if ratio != 0.0:
         slot = free_slots(par.extra_branch_ratio, 1, "extra Maxwell branches")
         par.extra_branch_ratio[slot] = ratio
@@ -42,7 +44,7 @@ _BRANCHES: Final = 1j * _OMEGA[:, None] * TIMES / (1.0 + 1j * _OMEGA[:, None] * 
 
 
 def ladder(order: float) -> NDArray[np.float64]:
-    """Stiffnesses (6,) of the branches that together have (iω/ω₀)^``order``."""
+    """Return the relative stiffnesses (6,) of the branches whose sum approximates (iω/ω₀)^``order``."""
     wanted = (1j * _OMEGA / _UNIT) ** order
     left = _BRANCHES / np.abs(wanted)[:, None]
     right = wanted / np.abs(wanted)
@@ -56,7 +58,7 @@ def _fractional(par: Any, place: int | None, values: Mapping[str, float]) -> Non
 
 
 def add_friction(par: Any, force: float, travel: float) -> None:
-    """Append a Berg element of ``force`` N with x_2 = ``travel`` m; none if the force is 0."""
+    """Add a Berg friction element with a limit of ``force`` N and x_2 = ``travel`` m, unless the force is 0."""
     if force != 0.0:
         slot = free_slots(par.extra_friction, 1, "extra friction elements")
         par.extra_friction[slot] = force

@@ -1,1 +1,1 @@
-"""Simulation of eight springs in lock-step by vector instructions, for the thousands of replays of a diagnosis."""
+"""Simulation of eight springs at the same time by vector instructions, for the thousands of replays of a diagnosis."""

@@ -1,7 +1,9 @@
-"""Pressures and forces of eight springs in lock-step, and how each shares its deflection with its emergency spring.
+"""Pressures and forces of eight springs at the same time, and how each deflection is shared between bellows and
+emergency spring.
 
-The laws are those of `bench_sim.model.bellows` and `bench_sim.model.rubber`. Newton's method continues until the last
-lane has converged. A converged lane does not change any more, so that its numbers do not depend on its neighbours.
+The laws are those of `bench_sim.model.bellows` and `bench_sim.model.rubber`. A lane is the position of one spring in
+the vectors. Newton's method continues until the last lane has converged. A converged lane does not change any more, so
+its results do not depend on the other lanes.
 """
 
 from typing import Any, Final
@@ -34,14 +36,14 @@ from bench_sim.model.lanes.layout import (
 )
 from bench_sim.model.rubber import friction_curve, relaxing
 
-#: Newton's method ends below this step (m). The guess follows the bellows' acceleration, so that it costs little.
+#: Newton's method ends below this step (m). The start value includes the acceleration, so few iterations are needed.
 _CLOSE: Final = 1e-9
 
 
 @compiled
 def look_ahead(w: Any, ahead: float, extra: int) -> None:
-    """Predict the bellows ``ahead`` s after the start of the step, and sum the forces of all dash-pots of the
-    rubber.
+    """Predict the deflection of the bellows ``ahead`` s after the start of the step. Sum the displacements of all
+    dash-pots of the rubber, weighted by their stiffness ratios.
     """
     lanes = w.shape[0] // PER_LANE
     for i in range(lanes):
@@ -95,7 +97,7 @@ def extra_friction(w: Any, e: int) -> None:
 
 @compiled
 def load_bellows(w: Any) -> None:
-    """Take Newton's step in lanes that have not converged; compute pressure, force and tangent stiffness there."""
+    """In lanes that have not converged, take Newton's step and compute pressure, forces and tangent stiffness."""
     for i in range(LANES):
         moving = w[Lane.MOVING + i]
         z = w[Lane.TRY_Z + i] + moving * w[Lane.STEP_Z + i]
@@ -157,7 +159,7 @@ def load_bellows(w: Any) -> None:
 
 @compiled
 def tangent_of(w: Any, i: int) -> tuple[float, float, float, float, float, float, float]:
-    """Return the tangents of one lane, like `bench_sim.model.spring.tangent_of`."""
+    """Return the seven tangents of one lane, like `bench_sim.model.spring.tangent_of`."""
     return (
         w[Lane.AREA + i],
         w[Lane.LATERAL_AREA + i],
@@ -171,8 +173,8 @@ def tangent_of(w: Any, i: int) -> tuple[float, float, float, float, float, float
 
 @compiled
 def seek(w: Any) -> int:
-    """Compute Newton's next step towards ζ_b − (F_z−P)/k_z = ζ and y_b − F_y/k_y = y; return the lanes without
-    convergence.
+    """Compute Newton's next step towards ζ_b − (F_z−P)/k_z = ζ and y_b − F_y/k_y = y. Return the number of lanes that
+    have not converged.
     """
     left = 0
     for i in range(LANES):
@@ -198,7 +200,7 @@ def seek(w: Any) -> int:
 
 @compiled
 def carry_over(w: Any) -> None:
-    """Move the loads by Newton's last step along their tangents, and compute the state of the gas."""
+    """Correct the forces linearly by Newton's last step, and compute the state of the gas."""
     for i in range(LANES):
         z, y = w[Lane.STEP_Z + i], w[Lane.STEP_Y + i]
         p, V, growth = w[Lane.PRESSURE + i], w[Lane.VOLUME + i], w[Lane.GROWTH + i]
@@ -226,9 +228,9 @@ def carry_over(w: Any) -> None:
 
 @compiled
 def lane_algebra(w: Any, ahead: float, extra: int, frictions: int) -> None:
-    """Compute the bellows' share of the deflection, ``ahead`` s after the start of the step, its loads, and all gas.
+    """Compute bellows deflection, forces and gas of all lanes, ``ahead`` s after the start of the step.
 
-    ``extra`` branches and ``frictions`` elements are the largest numbers in any lane.
+    ``extra`` is the largest number of extra rubber branches in any lane, ``frictions`` that of friction elements.
     """
     look_ahead(w, ahead, extra)
     for _ in range(ITERATIONS):

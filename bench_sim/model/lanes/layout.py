@@ -1,7 +1,8 @@
-"""The memory layout of eight springs in lock-step: one flat array, in which a row holds one number of each spring.
+"""The memory layout of eight springs that are simulated together: one flat array, whose rows have one number per
+spring.
 
-A compiler turns a loop over the lanes into vector instructions if all its data are at constant distances in one array.
-So every row is a constant, and there is no second array.
+The compiler makes vector instructions of a loop over the springs if all data are at constant distances in one array.
+So the position of each row is a constant, and there is no second array.
 """
 
 from enum import IntEnum, auto
@@ -9,9 +10,9 @@ from typing import Any, Final
 
 from bench_sim.model.layout import EXTRA_BRANCHES
 
-#: Springs that are integrated together: as many as the widest vectors of today's processors hold.
+#: Number of springs that are integrated together: the numbers in the widest vector of present processors.
 LANES: Final = 8
-#: Benches of which both springs are integrated together.
+#: Number of benches whose two springs are integrated together.
 PAIRS: Final = LANES // 2
 #: Friction elements that a lane may have beyond its own.
 LANE_FRICTIONS: Final = 3
@@ -20,7 +21,7 @@ POWERS: Final = 19
 
 
 class _Rows(IntEnum):
-    """Rows in the order of their definition; the value is the place of the first lane."""
+    """Rows in the order of their definition. The value is the index of the first lane in the flat array."""
 
     @staticmethod
     def _generate_next_value_(name: str, start: int, count: int, last_values: list[Any]) -> int:
@@ -28,7 +29,7 @@ class _Rows(IntEnum):
 
 
 class LaneState(_Rows):
-    """The continuous states of a spring, in the order of `State`, within a block."""
+    """The continuous states of a spring within a block of states, in the order of `State`."""
 
     MASS = auto()  #: bellows
     ENERGY = auto()
@@ -50,27 +51,27 @@ class LaneState(_Rows):
 class Lane(_Rows):
     """All other values of a spring: its inputs, the values computed from them, and its parameters."""
 
-    # where the plates are
+    # position of the plates
     HEIGHT = auto()  #: and the next as in `Algebraic`
     HEIGHT_SPEED = auto()
     LATERAL = auto()
     LATERAL_SPEED = auto()
-    # what its valves do during a step (`GIVEN` rows, as in a course), where springs are fed or joined all of it
+    # valves during a step (`GIVEN` rows, as in a course); only the first row is used if no air enters or leaves
     OPENING = auto()  #: of the reservoir valve, 0 … 1
     LEVELING = auto()  #: connection of the leveling valve, 0 … 1
     SERVICE = auto()  #: opening of the service valve, −1 exhausting … 1 filling
     SUPPLY = auto()  #: Pa absolute
     JOINED = auto()  #: connection of the differential pressure valve, 0 … 1
-    # how far this lane is from its course
+    # difference between this lane and its course
     SHIFT = auto()  #: m to the left
-    SUPPLY_ERROR = auto()  #: Pa that the supply is below
+    SUPPLY_ERROR = auto()  #: Pa by which the supply pressure is below that of the course
     # Newton's method
-    TRY_Z = auto()  #: m, where Newton's method looks at the bellows
+    TRY_Z = auto()  #: m, deflection of the bellows in the present iteration
     TRY_Y = auto()
-    STEP_Z = auto()  #: m from there
+    STEP_Z = auto()  #: m, next step from TRY_Z
     STEP_Y = auto()
     MOVING = auto()  #: 1 while Newton's method iterates, then 0
-    NOTED_Z = auto()  #: where the step began, with speed and half the acceleration
+    NOTED_Z = auto()  #: at the start of the step, as are the speeds; BEND is half the acceleration
     NOTED_Y = auto()
     NOTED_Z_SPEED = auto()
     NOTED_Y_SPEED = auto()
@@ -89,7 +90,7 @@ class Lane(_Rows):
     PULL_Y = auto()
     RATE_Z = auto()
     RATE_Y = auto()
-    # what follows from state and plates
+    # computed from state and plates
     VOLUME = auto()  #: and the next as in `Algebraic`
     AREA = auto()
     LATERAL_AREA = auto()
@@ -109,20 +110,24 @@ class Lane(_Rows):
     TEMPERATURE = auto()
     AUXILIARY_PRESSURE = auto()
     AUXILIARY_TEMPERATURE = auto()
-    PASSAGE = auto()  #: C_d A of the orifice as its valve and the sense of the flow leave it
+    PASSAGE = auto()  #: C_d A of the orifice, m², with the opening of its valve and the direction of the flow
     FLOW = auto()  #: kg/s from bellows to auxiliary chamber, and the flow without inertia
     STEADY_FLOW = auto()
-    NOTED_STEADY_FLOW = auto()  #: the same where the step began, and what inertia held back of it
+    NOTED_STEADY_FLOW = (
+        auto()
+    )  #: flow without inertia at the start of the step; next: the part missing by inertia
     NOTED_MISSING_FLOW = auto()
     HEATING = auto()  #: W into the bellows, without the work
-    DENSITY = auto()  #: where the heat's density factor is expanded, and that factor
+    DENSITY = (
+        auto()
+    )  #: density at which the series of the heat's density factor begins; next: the factor there
     DENSITY_FACTOR = auto()
     AUXILIARY_DENSITY = auto()
     AUXILIARY_DENSITY_FACTOR = auto()
-    PRESENT_DENSITY = auto()  #: where the step began
+    PRESENT_DENSITY = auto()  #: at the start of the step
     AUXILIARY_PRESENT_DENSITY = auto()
     KNOWN = auto()  #: slope of the bellows' energy at the last stage
-    CHANGED = auto()  #: sums of how much it differed from the one before, at each of three stages
+    CHANGED = auto()  #: sums of the change of this slope since the previous stage, for each of three stages
     CHANGED_2 = auto()
     CHANGED_3 = auto()
     # properties of the spring
@@ -157,7 +162,7 @@ class Lane(_Rows):
     CREEP_GAIN = auto()
     CREEP_RATE = auto()
     STRETCH = auto()  #: ∂V/∂p of the bellows at design height
-    STRETCH_AT_0 = auto()  #: what no pressure adds to the volume there
+    STRETCH_AT_0 = auto()  #: change of the volume by stretch at zero pressure and design height
     ATMOSPHERE = auto()
     GAS_CONSTANT = auto()
     HEAT_RATIO = auto()

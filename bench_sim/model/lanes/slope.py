@@ -36,19 +36,22 @@ from bench_sim.model.valves import leak_flow
 class ActiveTerms(NamedTuple):
     """The terms that are active in any of the lanes; the others are skipped."""
 
-    extra: int  #: branches of rubber, as many as the lane with most of them has
-    frictions: int  #: elements of friction, likewise
+    extra: int  #: largest number of extra rubber branches in a lane
+    frictions: int  #: largest number of extra friction elements in a lane
     inert: bool  #: the air in a connection has inertia
     leaking: bool  #: a bellows leaks
-    surfaces: bool  #: a surface without a name takes part
+    surfaces: bool  #: an unknown flow or heat is fitted as a surface
     fed: bool  #: a spring is connected with the supply or the atmosphere
-    joined: bool  #: the first half of the lanes are left springs, the other their right ones, and air may pass between
+    joined: (
+        bool  #: air may flow between left springs (first half of the lanes) and right springs (second half)
+    )
 
 
 @compiled
 def _power(w: Any, i: int, t: float) -> float:
-    """r^(1/κ) of one lane, with ``t`` −1 at the critical pressure ratio and 1 at ratio 1; odd and even powers are
-    separate.
+    """Return r^(1/κ) of one lane. ``t`` is −1 at the critical pressure ratio and 1 at ratio 1.
+
+    The even and the odd powers of the polynomial are computed separately.
     """
     square = t * t
     even = w[Lane.POWER + 18 * LANES + i]
@@ -98,7 +101,7 @@ def orifice(w: Any) -> None:
 
 @compiled
 def hold_back(w: Any, ahead: float, parameters: Any) -> None:
-    """Delay the flow by its inertia, lane by lane (`bench_sim.model.inertance`)."""
+    """Delay the flow by the inertia of the air, lane by lane (`bench_sim.model.inertance`)."""
     for i in range(LANES):
         steady = w[Lane.FLOW + i]
         w[Lane.STEADY_FLOW + i] = steady
@@ -120,7 +123,9 @@ def hold_back(w: Any, ahead: float, parameters: Any) -> None:
 
 @compiled
 def carry(w: Any) -> None:
-    """Start the slopes with the flow and the enthalpy of its upstream side."""
+    """Set the derivatives of masses and energies to the flow through the orifice and its enthalpy. Other terms add to
+    them.
+    """
     for i in range(LANES):
         c_p = w[Lane.HEAT_CAPACITY + i]
         G = w[Lane.FLOW + i]
@@ -133,7 +138,7 @@ def carry(w: Any) -> None:
 
 @compiled
 def leak(w: Any) -> None:
-    """Leaks of the bellows to the atmosphere."""
+    """Subtract the leaks of the bellows to the atmosphere."""
     lanes = w.shape[0] // PER_LANE
     for i in range(lanes):
         G, power = leak_flow(
@@ -153,7 +158,7 @@ def leak(w: Any) -> None:
 
 @compiled
 def heat(w: Any) -> None:
-    """Heat exchange of both chambers with their walls."""
+    """Add the heat exchange of both chambers with their walls."""
     for i in range(LANES):
         exponent = w[Lane.HEAT_EXPONENT + i]
         known = w[Lane.DENSITY + i] * w[Lane.VOLUME + i]
@@ -174,7 +179,7 @@ def heat(w: Any) -> None:
 
 @compiled
 def gas_surfaces(w: Any, parameters: Any) -> None:
-    """Add flow and heat of the surfaces without a name, lane by lane."""
+    """Add the flow and heat of fitted surfaces (unknown flow or heat as a function of two states), lane by lane."""
     for i in range(LANES):
         par = parameters[i]
         p, T = w[Lane.PRESSURE + i], w[Lane.TEMPERATURE + i]
@@ -188,7 +193,9 @@ def gas_surfaces(w: Any, parameters: Any) -> None:
 
 @compiled
 def relax(w: Any, extra: int) -> None:
-    """Compute the dash-pots of the rubber, their effect on the forces, and the creep of the emergency spring."""
+    """Write the rates of the rubber's dash-pots, of the forces by relaxation, and of the creep of the emergency
+    spring.
+    """
     lanes = w.shape[0] // PER_LANE
     for i in range(lanes):
         z, y = w[Lane.BELLOWS_Z + i], w[Lane.BELLOWS_Y + i]
@@ -228,7 +235,9 @@ def relax(w: Any, extra: int) -> None:
 
 @compiled
 def work(w: Any) -> None:
-    """Add −p dV/dt of the bellows, last because their speed depends on all other terms."""
+    """Subtract the work p dV/dt of the bellows. This is last because the speed of the bellows depends on all other
+    terms.
+    """
     for i in range(LANES):
         A, B, per_z, per_y, K_zz, K_zy, K_yy = tangent_of(w, i)
         kappa = w[Lane.HEAT_RATIO + i]
@@ -262,8 +271,8 @@ def work(w: Any) -> None:
 def lane_slope(w: Any, ahead: float, active: Any, sides: Any, memory: Any, parameters: Any) -> None:
     """Write dx/dt of all lanes, ``ahead`` s after the start of the step, and all values that follow from the states.
 
-    Rarely used values have no rows in ``w``; they are in ``memory`` and ``parameters`` (LANES), for the ``sides``
-    (LANES).
+    Rarely used values have no rows in ``w``. They are read from ``memory`` and ``parameters``, for the ``sides`` of
+    the springs (LANES each).
     """
     lane_algebra(w, ahead, active.extra, active.frictions)
     orifice(w)

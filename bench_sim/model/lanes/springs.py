@@ -56,20 +56,22 @@ from bench_sim.model.replay import STEP
 from bench_sim.model.rest import relax_rubber
 from bench_sim.model.rubber import turn_friction
 
-#: h |λ| of the stiffest that moves, beyond which a longer step than that of a replay follows it badly; stable are 2.8.
+#: Largest h |λ| at which a step longer than that of a replay is accurate enough. The stability limit is 2.8.
 STIFFEST: Final = 1.0
 #: Columns of a trace: pressure and temperature of bellows and auxiliary chamber, force of bellows and emergency
 #: spring (vertical, lateral), compression of the contact. Its rows are the beginnings of the steps.
 TRACE: Final = 7
 AUXILIARY_PRESSURE: Final = 2
-#: Quantities that are next to the column.
+#: Parameters that the integration reads in addition to the column of a spring.
 SURFACES: Final = in_lanes(Lanes.SURFACE)
 FEEDING: Final = in_lanes(Lanes.FEEDS)
 JOINING: Final = in_lanes(Lanes.JOINS)
 
 
 class Course(NamedTuple):
-    """The motion of the plates of one spring, in ``steps`` steps for each interval of the motion."""
+    """The motion of the plates of one spring, and its valves. An interval of the recorded motion has
+    ``steps`` steps.
+    """
 
     step: float  #: s
     places: NDArray[np.float64]  #: (2 rows − 1, 4) every half step: ζ and its speed, y and its speed
@@ -81,7 +83,7 @@ class Course(NamedTuple):
 class LaneSpring:
     """One spring to be integrated: its column (`bench_sim.model.lanes.start`), parameter record, side and course.
 
-    Its plate is ``shift`` m to the left of the course, and its supply ``supply_error`` Pa below that of the course.
+    Its plate is ``shift`` m to the left of the course. Its supply pressure is ``supply_error`` Pa below the course.
     """
 
     column: NDArray[np.float64]
@@ -93,29 +95,33 @@ class LaneSpring:
 
     @property
     def key(self) -> Hashable:
-        """A key that is equal for springs with the same trajectory, as long as their course exists."""
+        """Return a key that is equal for springs with the same trajectory. It is valid as long as their course
+        exists.
+        """
         beside = (*(SURFACES if self.surfaced else ()), *(FEEDING if self.course.fed else ()))
         return id(self.course), self.shift, self.supply_error, self.column.tobytes(), self.all_of(beside)
 
     def all_of(self, names: Iterable[str]) -> bytes:
-        """Return the bytes of some quantities, for comparison."""
+        """Return the bytes of the named parameters, for comparison."""
         return b"".join(self.parameters[name].tobytes() for name in names)
 
     @property
     def surfaced(self) -> bool:
-        """Whether any surface is active."""
+        """Whether any fitted surface (unknown flow or heat) is active."""
         return any(bool(self.parameters[name].any()) for name in ("flow_surface", "heat_surface"))
 
 
 def key_of(springs: Sequence[LaneSpring]) -> Hashable:
-    """Return the key of a group that is integrated together: one spring, or both with a valve between them."""
+    """Return the key of springs that are integrated together: one spring, or both springs with a valve between them."""
     own = tuple(spring.key for spring in springs)
     return own if len(springs) == 1 else (*own, springs[0].all_of(JOINING))
 
 
 @compiled
 def gather(w: Any, at: int, courses: Any, rows: Any) -> None:
-    """Set the plates of all lanes to their places at half step ``at``; a lane that has ended is at rest."""
+    """Set the plates of all lanes to their position at half step ``at``. A lane whose course has ended
+    stays at rest.
+    """
     for i in range(LANES):
         places = courses[i]
         last = 2 * (rows[i] - 1)
@@ -129,7 +135,7 @@ def gather(w: Any, at: int, courses: Any, rows: Any) -> None:
 
 @compiled
 def note_friction(w: Any, i: int, side: int, mem: Any) -> None:
-    """Copy the points of reversal of the friction of one lane from its memory."""
+    """Copy the reversal points of the friction from the memory of one lane to ``w``."""
     w[Lane.ORIGIN_Z + i] = mem.friction_origin[0, side]
     w[Lane.LEVEL_Z + i] = mem.friction_level[0, side]
     w[Lane.ORIGIN_Y + i] = mem.friction_origin[1, side]
@@ -141,8 +147,8 @@ def note_friction(w: Any, i: int, side: int, mem: Any) -> None:
 
 @compiled
 def note_motion(w: Any, sides: Any, memory: Any, parameters: Any, dt: float, turned: Any) -> bool:
-    """Update the friction like `bench_sim.model.step_start.note_solution`; write which lanes ``turned``, return whether
-    any did.
+    """Update the friction like `bench_sim.model.step_start.note_solution`. Write to ``turned`` in which lanes it has
+    reversed, and return whether it has in any.
     """
     found = False
     for i in range(LANES):
@@ -165,7 +171,7 @@ def note_motion(w: Any, sides: Any, memory: Any, parameters: Any, dt: float, tur
 
 @compiled
 def restore(w: Any, saved: Any, turned: Any) -> None:
-    """Restore the lanes whose friction has not ``turned``."""
+    """Restore the saved values of the lanes whose friction has not ``turned``."""
     for i in range(LANES):
         if not turned[i]:
             for k in range(i, LENGTH, LANES):
@@ -182,7 +188,7 @@ def note_flow(w: Any) -> None:
 
 @compiled
 def note_gas(w: Any, sides: Any, memory: Any, parameters: Any) -> None:
-    """Store the densities like `bench_sim.model.gas.note_densities`."""
+    """Store the densities and their factors like `bench_sim.model.gas.note_densities`."""
     lanes = w.shape[0] // PER_LANE
     far = 0
     for i in range(lanes):
@@ -207,7 +213,7 @@ def note_gas(w: Any, sides: Any, memory: Any, parameters: Any) -> None:
 
 @compiled
 def note_trace(w: Any, n: int, traces: Any) -> None:
-    """Write row n of all traces."""
+    """Write row n of the traces of all lanes."""
     for i in range(LANES):
         traces[i, n, 0] = w[Lane.PRESSURE + i]
         traces[i, n, 1] = w[Lane.TEMPERATURE + i]
@@ -220,7 +226,7 @@ def note_trace(w: Any, n: int, traces: Any) -> None:
 
 @compiled
 def recall(w: Any, sides: Any, memory: Any, scratch: Any) -> None:
-    """Load the memories of all lanes from their columns."""
+    """Fill the memory records of all lanes from their columns in ``w``."""
     for i in range(LANES):
         side = sides[i]
         mem = memory[i]
@@ -235,7 +241,7 @@ def recall(w: Any, sides: Any, memory: Any, scratch: Any) -> None:
 
 @compiled
 def most(w: Any, row: int, count: int) -> int:
-    """Return the largest number of rows, of ``count``, that any lane uses."""
+    """Return the largest number of non-zero rows in any lane, counted from ``row`` on, of at most ``count``."""
     used = 0
     for i in range(LANES):
         own = 0
@@ -269,7 +275,7 @@ def move_valves(
 
 @compiled
 def stage(w: Any, size: int, weight: float, ahead: float) -> None:
-    """Add ``weight`` slopes to the sum, and set the stage ``ahead`` s after the start of the step along the slope."""
+    """Add the slopes times ``weight`` to the sum. Set the states to those ``ahead`` s after the start of the step."""
     for k in range(size):
         w[SUM + k] += weight * w[SLOPE + k]
         w[STAGE + k] = w[START + k] + ahead * w[SLOPE + k]
@@ -277,7 +283,7 @@ def stage(w: Any, size: int, weight: float, ahead: float) -> None:
 
 @compiled
 def finish(w: Any, size: int, h: float) -> None:
-    """End a step of ``h`` s, and store the curvature of the bellows' motion for the next predictions."""
+    """End a step of ``h`` s. Store the curvature of the bellows' motion, from which later steps are predicted."""
     for i in range(LANES):
         z = (w[Lane.BELLOWS_Z + i] - w[Lane.NOTED_Z + i]) / h
         y = (w[Lane.BELLOWS_Y + i] - w[Lane.NOTED_Y + i]) / h
@@ -293,7 +299,9 @@ def finish(w: Any, size: int, h: float) -> None:
 
 @compiled
 def note_change(w: Any, stage: int) -> None:
-    """Add the change of the slope of each bellows' energy since the last stage, for each of three stages."""
+    """Add the change of the slope of each bellows' energy since the last stage to the sum of this
+    ``stage`` (0 to 2).
+    """
     lanes = w.shape[0] // PER_LANE
     for i in range(lanes):
         slope = w[SLOPE + LaneState.ENERGY + i]
@@ -316,7 +324,8 @@ def integrate_lanes(
     joined: bool,
     traces: Any,
 ) -> None:
-    """Integrate all lanes to the end of the longest one with steps of ``dt`` s; ``w`` (LENGTH) holds their columns.
+    """Integrate all lanes to the end of the longest course with steps of ``dt`` s. ``w`` (LENGTH) holds their
+    columns.
 
     Shapes: ``memory``, ``parameters``, ``sides``, ``rows`` (LANES), ``traces`` (LANES, most rows, TRACE). ``courses``
     and ``valves`` are tuples of the arrays in a `Course`.
@@ -361,10 +370,11 @@ def integrate_lanes(
 
 
 def integrate_springs(springs: Sequence[LaneSpring]) -> list[NDArray[np.float64]]:
-    """Return the trace (rows, TRACE) of each of at most LANES springs with equal step; other threads run meanwhile.
+    """Return the trace (rows, TRACE) of each spring. At most LANES springs with equal step are possible. Other Python
+    threads can run meanwhile.
 
     Unused lanes repeat the last spring. A spring that is too stiff for a long step gets a trace of NaN. Near the
-    stability limit its values are finite, but the gas oscillates unphysically.
+    stability limit its values would be finite, but the gas would oscillate unphysically.
     """
     _check(springs, len(springs), LANES, "springs")
     return _integrate([*springs, *[springs[-1]] * (LANES - len(springs))], joined=False)[: len(springs)]
@@ -373,7 +383,9 @@ def integrate_springs(springs: Sequence[LaneSpring]) -> list[NDArray[np.float64]
 def integrate_pairs(
     pairs: Sequence[tuple[LaneSpring, LaneSpring]],
 ) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Return the traces of both springs of each of at most PAIRS benches in which air may flow between the sides."""
+    """Return the traces of both springs of each bench, if air may flow between the sides. At most PAIRS benches are
+    possible.
+    """
     _check([spring for pair in pairs for spring in pair], len(pairs), PAIRS, "pairs of springs")
     filled = [*pairs, *[pairs[-1]] * (PAIRS - len(pairs))]
     traces = _integrate([left for left, _ in filled] + [right for _, right in filled], joined=True)
@@ -390,7 +402,7 @@ def _check(springs: Sequence[LaneSpring], count: int, limit: int, what: str) -> 
 
 
 def _integrate(filled: Sequence[LaneSpring], *, joined: bool) -> list[NDArray[np.float64]]:
-    """Return the traces of one spring for each lane."""
+    """Return one trace for each lane, of one spring per lane."""
     rows = np.array([len(spring.course.valves) for spring in filled])
     step = filled[0].course.step
     w = np.ascontiguousarray(np.column_stack([spring.column for spring in filled])).ravel()

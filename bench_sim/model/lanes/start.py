@@ -1,7 +1,7 @@
-"""Parameters and initial state of a spring as its column of `bench_sim.model.lanes.layout`.
+"""Converts parameters and initial state of a spring to one column of `bench_sim.model.lanes.layout`.
 
-The column holds most inputs of the integration of this spring. Further inputs are the course of its plates and, for
-surfaces and valves, quantities of its parameter record; see `bench_sim.model.lanes.springs.LaneSpring.key`.
+The column contains most inputs for the integration of this spring. Further inputs are the course of its plates, and
+the parameters of fitted surfaces and valves; see `bench_sim.model.lanes.springs.LaneSpring.key`.
 """
 
 from functools import lru_cache
@@ -32,12 +32,12 @@ from bench_sim.model.quantities import QUANTITIES
 from bench_sim.model.replay import settle
 from bench_sim.model.spring import compliance, stretch, unpressed_area
 
-#: Quantities with which a lane cannot deal unless they have these values.
+#: Parameters that lanes support only with these values.
 _UNKNOWN: Final = {one.name: one.default or 0.0 for one in QUANTITIES if not one.lanes}
 
 
 def has_lanes(par: Any) -> bool:
-    """Return whether lanes can integrate a spring with these parameters; otherwise the scalar replay must."""
+    """Return whether lanes can integrate a spring with these parameters. Otherwise the scalar replay is necessary."""
     return (
         par.emergency_spring != 0.0
         and not any(np.any(par[name] != absent) for name, absent in _UNKNOWN.items())
@@ -47,7 +47,9 @@ def has_lanes(par: Any) -> bool:
 
 @lru_cache(maxsize=8)
 def power_coefficients(kappa: float) -> NDArray[np.float64]:
-    """Return the polynomial (POWERS) of r^(1/κ) over −1 … 1, from the critical pressure ratio to 1."""
+    """Return the coefficients (POWERS) of the polynomial for r^(1/κ). Its argument is −1 at the critical pressure
+    ratio, and 1 at the ratio r = 1.
+    """
     low = critical_ratio(kappa)
     series = np.polynomial.Chebyshev.interpolate(lambda r: r ** (1.0 / kappa), POWERS - 1, domain=[low, 1.0])
     return np.asarray(np.polynomial.chebyshev.cheb2poly(series.coef), dtype=np.float64)
@@ -55,13 +57,13 @@ def power_coefficients(kappa: float) -> NDArray[np.float64]:
 
 @compiled
 def critical_ratio(kappa: float) -> float:
-    """Pressure ratio below which a nozzle is choked."""
+    """Return the pressure ratio below which a nozzle is choked."""
     return (2.0 / (kappa + 1.0)) ** (kappa / (kappa - 1.0))
 
 
 @compiled
 def _fill_states(w: Any, i: int, x: Any, mem: Any) -> None:
-    """Write the states of side ``i`` and the last points of reversal of the friction."""
+    """Write the states of side ``i`` and the last friction reversal to the column."""
     w[STAGE + LaneState.MASS] = x[State.BELLOWS_MASS + i]
     w[STAGE + LaneState.ENERGY] = x[State.BELLOWS_ENERGY + i]
     w[STAGE + LaneState.AUXILIARY_MASS] = x[State.AUXILIARY_MASS + i]
@@ -84,7 +86,7 @@ def _fill_states(w: Any, i: int, x: Any, mem: Any) -> None:
 
 @compiled
 def _fill_rubber(w: Any, i: int, par: Any) -> None:
-    """Write stiffnesses, relaxation and friction of the rubber, emergency spring and contact."""
+    """Write stiffness, relaxation and friction of the rubber, and stiffness of emergency spring and contact."""
     w[Lane.RATIOS] = 0.0
     for j in range(BRANCHES):
         w[Lane.RATIO + LANES * j] = par.maxwell_ratio[j]
@@ -144,7 +146,7 @@ def _fill_gas(w: Any, i: int, par: Any) -> None:
 
 @compiled
 def _fill_flow(w: Any, i: int, par: Any, powers: Any) -> None:
-    """Write orifice, inertia of its air, and leaks."""
+    """Write the parameters of orifice, connection and leaks."""
     kappa = par.heat_capacity_ratio
     w[Lane.ORIFICE] = effective_flow_area(par.orifice_diameter[i], par.discharge_coefficient[i])
     w[Lane.ASYMMETRY] = par.orifice_asymmetry[i]
@@ -166,10 +168,11 @@ def _fill_flow(w: Any, i: int, par: Any, powers: Any) -> None:
 def begin_springs(
     x: Any, memory: Any, parameters: Any, gas: Any, before: Any, powers: Any, columns: Any
 ) -> None:
-    """Settle both springs at the positions in ``x``, and write their ``columns`` (SIDES, LENGTH/LANES).
+    """Compute the state of rest of both springs at the positions in ``x``, and write their ``columns`` (SIDES,
+    LENGTH/LANES).
 
-    ``memory`` and ``parameters`` are arrays of one, ``gas`` and ``before`` as of `bench_sim.model.replay`, ``powers``
-    as of `power_coefficients`.
+    ``memory`` and ``parameters`` are arrays of one element. ``gas`` and ``before`` are those of
+    `bench_sim.model.replay`, and ``powers`` are from `power_coefficients`.
     """
     mem = memory[0]
     par = parameters[0]

@@ -1,4 +1,4 @@
-"""Sensor readings of springs with known trajectories: only the lags of the sensors are integrated."""
+"""Computes sensor readings from the known trajectories of springs. Only the lags of the sensors are integrated."""
 
 from collections.abc import Sequence
 from math import ceil
@@ -26,13 +26,13 @@ _FEEDING: Final = (
     Input.LEFT_SERVICE_VALVE,
     Input.RIGHT_SERVICE_VALVE,
 )
-#: Pa below its opening where a differential pressure valve is integrated: it decides there, not a trace of each side.
+#: A differential pressure valve that comes closer to its opening pressure than this (Pa) is integrated with both sides.
 _MARGIN: Final = 1.0
 
 
 @compiled_entry
 def follow_plates(motion: Any, parameters: Any, steps: int, places: Any) -> None:
-    """Write the positions of the plates of both springs every half step into ``places`` (SIDES, 2 rows − 1, 4)."""
+    """Write the positions of the plates of both springs at every half step to ``places`` (SIDES, 2 rows − 1, 4)."""
     par = parameters[0]
     x = np.zeros(STATES)
     out = np.zeros(ALGEBRAICS)
@@ -50,7 +50,7 @@ def follow_plates(motion: Any, parameters: Any, steps: int, places: Any) -> None
 
 @compiled
 def recollect(row: Any, i: int, out: Any) -> None:
-    """Write one row of a trace to the places of the springs' algebraic quantities."""
+    """Copy one row of a trace to the algebraic variables of spring ``i``."""
     out[Algebraic.PRESSURE + i] = row[0]
     out[Algebraic.TEMPERATURE + i] = row[1]
     out[Algebraic.AUXILIARY_PRESSURE + i] = row[2]
@@ -111,7 +111,7 @@ def read_samples(
                 read_exactly(mem, par, ideal, read)
         move_lags(mem, par, values)
         if k == 0:
-            if not late:  # These readings are at the times to which the lags have just advanced.
+            if not late:  # Without delays the readings are the outputs of the lags.
                 express(mem, par, mem.sensor_output, read)
             for j in range(sensors.shape[0]):
                 readings[j, n] = read[sensors[j]]
@@ -125,12 +125,12 @@ def feeds(inputs: NDArray[np.float64]) -> bool:
 
 
 class TracedReplay:
-    """The replay of one ``motion`` in two stages: springs to be integrated in lanes, and readings from their traces.
+    """The replay of one ``motion`` in two stages: springs are integrated in lanes, and readings are computed from the
+    traces.
 
-    Its arguments are those of `bench_sim.model.replay.replay`. ``parameters`` contain the positions of the springs
-    under the bolster. The springs are integrated separately while no air flows between them. `leaks_between` returns
-    before the integration whether air can flow, `stays_shut` after it whether the differential pressure valve stayed
-    shut.
+    The arguments are those of `bench_sim.model.replay.replay`. Of ``parameters`` only the dimensions are used. The
+    springs are integrated separately if no air flows between them. Before the integration, `leaks_between` returns
+    whether air always flows. After it, `stays_shut` returns whether the differential pressure valve stayed closed.
     """
 
     def __init__(
@@ -147,7 +147,7 @@ class TracedReplay:
         self.supply = supply
         self.start = start
         self.steps = ceil(motion.interval / step - 1e-9)
-        #: s, to twelve digits: clocks of two runs differ in the last ones.
+        #: s, rounded to twelve digits, because the clocks of two runs differ in the last digits.
         self.step = float(f"{motion.interval / self.steps:.12g}")
         self.geometry = _geometry(parameters)
         self.joined = bool(inputs[:, Input.DPV_CONNECTED].any())
@@ -162,7 +162,8 @@ class TracedReplay:
     def fits(self, parameters: Any) -> bool:
         """Return whether lanes can integrate springs with these parameters on this motion.
 
-        With a step longer than that of a replay they cannot if valves switch or delays end within a step.
+        A step that is longer than that of a replay has further conditions: no air enters or leaves the springs, no air
+        flows between them, and nothing is too fast for it (`_quick`).
         """
         sudden = self.fed or self.leaks_between(parameters)
         return (
@@ -172,11 +173,11 @@ class TracedReplay:
         )
 
     def leaks_between(self, parameters: Any) -> bool:
-        """Return whether air always flows between the springs."""
+        """Return whether the differential pressure valve is connected and leaks."""
         return self.joined and parameters.dpv_leak != 0.0
 
     def stays_shut(self, parameters: Any, traces: Sequence[NDArray[np.float64]]) -> bool:
-        """Return whether the differential pressure valve never opens between springs with these traces (rows,
+        """Return whether the differential pressure valve stays closed between springs with these traces (rows,
         TRACE).
         """
         if not self.joined:
@@ -194,10 +195,11 @@ class TracedReplay:
         before: Before | None = None,
         supply_error: float = 0.0,
     ) -> tuple[LaneSpring, LaneSpring]:
-        """Return both springs at their start with ``gas``, their plates ``shift`` m to the left of the motion.
+        """Return both springs in their initial state with ``gas``. Their plates are ``shift`` m to the left of the
+        motion.
 
-        ``before`` is as for `bench_sim.model.replay.replay`. The supply is ``supply_error`` Pa below the reported
-        pressure.
+        ``before`` is that of `bench_sim.model.replay.replay`. The supply pressure is ``supply_error`` Pa below the
+        reported one.
         """
         x = np.zeros(STATES)
         x[State.BOLSTER_LATERAL : State.BOLSTER_ROLL + 1] = self.motion.displacement[0, :3]
@@ -234,8 +236,8 @@ class TracedReplay:
     ) -> NDArray[np.float64]:
         """Return the readings (n, c) of ``sensors`` (default: all), from the traces (rows, TRACE) of both springs.
 
-        Between samples the supply line keeps its pressure. Other threads run meanwhile. The readings of each sensor are
-        contiguous in memory, because callers process one sensor after the other.
+        The supply pressure is constant between samples. Other Python threads can run meanwhile. The readings of each
+        sensor are contiguous in memory, because callers process one sensor after the other.
         """
         record = _one(parameters)
         memory = np.zeros(1, MEMORY).view(np.recarray)
@@ -252,8 +254,8 @@ class TracedReplay:
 
 
 def _quick(parameters: Any, step: float) -> bool:
-    """Return whether a ``step`` longer than that of a replay is too long for the latencies, pipes and rubber of a
-    record.
+    """Return whether readings are delayed, air has inertia, or rubber relaxes too fast. A ``step`` longer than that
+    of a replay is not possible then.
     """
     par = parameters
     late = (
@@ -278,6 +280,6 @@ def _one(parameters: Any) -> Any:
 
 
 def _geometry(parameters: Any) -> tuple[float, float, float]:
-    """Return the dimensions that determine the places of the springs' plates from those of bolster and platform."""
+    """Return the dimensions that determine the positions of the springs' plates, from those of bolster and platform."""
     par = parameters
     return float(par.spring_half_spacing), float(par.centre_height), float(par.column_height)

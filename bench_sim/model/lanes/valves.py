@@ -25,7 +25,9 @@ from bench_sim.model.valves import (
 
 @compiled
 def gather_valves(w: Any, n: int, valves: Any, rows: Any, everything: bool) -> None:
-    """Set the valves of all lanes for step n of their courses; only the reservoir valves without ``everything``."""
+    """Set the valves of all lanes for step n of their courses. Without ``everything`` only the reservoir valves are
+    set.
+    """
     given = GIVEN if everything else 1
     for i in range(LANES):
         row = min(n, rows[i] - 1)
@@ -45,14 +47,16 @@ def settle_levers(w: Any, sides: Any, parameters: Any) -> None:
 
 @compiled
 def switch_leveling_valves(w: Any, sides: Any, memory: Any, parameters: Any) -> None:
-    """Switch the leveling valves by the state at the start of a step."""
+    """Switch the leveling valves according to the states at the start of a step."""
     for i in range(LANES):
         switch_leveling(w[START + LaneState.LEVER + i], memory[i], parameters[i], sides[i])
 
 
 @compiled
 def switch_between(w: Any, memory: Any, parameters: Any) -> None:
-    """Switch the differential pressure valves by the state at the start of a step; left lanes store them."""
+    """Switch the differential pressure valves according to the states at the start of a step. The memory of the left
+    lane holds the result.
+    """
     for i in range(PAIRS):
         j = PAIRS + i
         kappa = w[Lane.HEAT_RATIO + i]
@@ -63,7 +67,7 @@ def switch_between(w: Any, memory: Any, parameters: Any) -> None:
 
 @compiled
 def feed(w: Any, sides: Any, memory: Any, parameters: Any) -> None:
-    """Fill and exhaust the auxiliary chambers by leveling and service valves; the levers follow the heights."""
+    """Add the air flow of leveling and service valves to the auxiliary chambers, and the motion of the levers."""
     for i in range(LANES):
         side = sides[i]
         par = parameters[i]

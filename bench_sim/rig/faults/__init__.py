@@ -1,1 +1,1 @@
-"""Simulated faults: faults of a running rig that can be switched on and off by name."""
+"""Simulated faults of a running rig. Each is switched on and off by its name."""

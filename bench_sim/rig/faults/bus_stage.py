@@ -1,4 +1,4 @@
-"""Faults of the CAN bus: changes of frames between the rig and all other nodes, as one stage of the bus."""
+"""Faults of the CAN bus: one stage of the bus changes frames between the rig and all other nodes."""
 
 import heapq
 import itertools
@@ -25,7 +25,9 @@ _PROTECTION: Final = {message.identifier: message.protection for message in TABL
 
 
 class FrameFault:
-    """A change of frames: of one ``message`` or of all, in one ``direction`` or in both."""
+    """A change of frames, in one ``direction`` or both, for one ``message`` or all. ``chance`` is its probability for
+    each frame.
+    """
 
     def __init__(self, direction: str = BOTH, message: str = ALL, chance: float = 1.0, seed: int = 0) -> None:
         self._direction = direction
@@ -34,7 +36,7 @@ class FrameFault:
         self.random = np.random.default_rng(seed)
 
     def through(self, block: Block, peer: str, now: int) -> Block:
-        """Return the frames to pass on now from ``block``."""
+        """Return the frames to pass on now, for a ``block`` that ``peer`` sends."""
         if self._direction not in (BOTH, FROM_RIG if peer == RIG else TO_RIG):
             return block
         hit = self.random.random(block.size) < self._chance
@@ -43,16 +45,18 @@ class FrameFault:
         return self.befall(block, hit, peer, now) if hit.any() else block
 
     def befall(self, block: Block, hit: np.ndarray, peer: str, now: int) -> Block:
-        """Return the frames to pass on now from ``block``; the fault affects the frames ``hit`` (bool)."""
+        """Return the frames to pass on now, for a ``block``. The boolean array ``hit`` selects the frames that the
+        fault affects.
+        """
         raise NotImplementedError
 
     def due(self, now: int) -> Iterable[tuple[Block, str]]:
-        """Return the delayed frames that pass on now, with their sender."""
+        """Return the delayed frames that are to be passed on now, with their senders."""
         del now
         return ()
 
     def flush(self) -> Iterable[tuple[Block, str]]:
-        """Return all frames that are still kept, when the fault ends."""
+        """Return all frames that the fault still keeps, with their senders. Called when the fault ends."""
         return ()
 
 
@@ -73,8 +77,8 @@ class Doubled(FrameFault):
 
 
 class Corrupted(FrameFault):
-    """One bit of the data of frames is wrong, as behind a gateway; on the bus itself CAN's own CRC detects such
-    errors.
+    """One bit of the data of frames is wrong, as behind a faulty gateway. On the bus itself, the CRC of CAN would
+    detect such an error.
     """
 
     def befall(self, block: Block, hit: np.ndarray, peer: str, now: int) -> Block:
@@ -87,7 +91,9 @@ class Corrupted(FrameFault):
 
 
 class Delayed(FrameFault):
-    """Frames arrive later, by ``by`` ns and up to ``jitter`` ns more; their stamps are those of the arrival."""
+    """Frames arrive ``by`` ns later, plus a random time up to ``jitter`` ns. Their time stamps are those of the late
+    arrival.
+    """
 
     def __init__(self, by: int, jitter: int, **which: object) -> None:
         super().__init__(**which)  # type: ignore[arg-type]
@@ -114,9 +120,10 @@ class Delayed(FrameFault):
 
 
 class Miscounted(FrameFault):
-    """The sample or alive counter of frames advances by ``step`` too much: -1 stops it, 1 skips every other value.
+    """The counter of frames advances by ``step`` too much. With −1 the counter stops, with 1 it skips every other
+    value.
 
-    The CRC of a command is correct for its wrong counter. It is linear, so it can be corrected without the key.
+    The CRC of a command is changed to fit the wrong counter. The CRC is linear, so this is possible without the key.
     """
 
     def __init__(self, step: int, **which: object) -> None:
@@ -179,7 +186,7 @@ class Babble(FrameFault):
 
 
 class Silence(FrameFault):
-    """No frame arrives."""
+    """No frame passes, in either direction."""
 
     def befall(self, block: Block, hit: np.ndarray, peer: str, now: int) -> Block:
         del block, hit, peer, now
@@ -187,7 +194,7 @@ class Silence(FrameFault):
 
 
 class FaultStage(Stage):
-    """All active faults of the bus, in the order in which they were switched on."""
+    """All active faults of the bus, applied in the order in which they were switched on."""
 
     rank: ClassVar[int] = Stage.FAULT
 
@@ -198,7 +205,7 @@ class FaultStage(Stage):
         self.unused = True
 
     def add(self, fault: FrameFault) -> Callable[[], None]:
-        """Apply ``fault`` to frames from now on; return a function that ends it."""
+        """Apply ``fault`` to frames from now on. Return a function that ends the fault."""
         self._faults, self.unused = (*self._faults, fault), False
 
         def end() -> None:
@@ -233,6 +240,6 @@ def _through(faults: tuple[FrameFault, ...], block: Block, peer: str, now: int) 
 def _by_sender(
     blocks: list[tuple[Block, str]],
 ) -> Iterable[tuple[str, list[tuple[Block, str]]]]:
-    """Return runs of blocks of one sender, in their order, without empty ones."""
+    """Return consecutive blocks of the same sender as groups, in their order. Empty blocks are left out."""
     runs = itertools.groupby((one for one in blocks if one[0].size), key=lambda one: one[1])
     return [(peer, list(run)) for peer, run in runs]

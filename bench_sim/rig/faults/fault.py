@@ -1,4 +1,4 @@
-"""A simulated fault: its name, its place, its parameters with unit and range, and its effect for a driver."""
+"""A simulated fault: its name, its place, its parameters with unit and range, and what a driver sees of it."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from bench_protocol.units import WRITTEN_UNITS
 from bench_sim.parameters.loading import ParameterError, read_value
 from bench_sim.rig.faults.insertion import InsertionPoints
 
-#: The unit of a number that is one of the reading of the fault's ``sensor``, and of one that is such for each second.
+#: Marks a number in the unit of the sensor that has the fault, and a number in this unit per second.
 OF_SENSOR: Final = "of the sensor"
 OF_SENSOR_PER_SECOND: Final = "of the sensor, per second"
 
@@ -26,7 +26,7 @@ class FaultError(ValueError):
 
 
 class FaultPlace(StrEnum):
-    """The place of a fault."""
+    """The part of the rig that has the fault."""
 
     BUS = "bus"
     MODBUS = "modbus"
@@ -37,7 +37,7 @@ class FaultPlace(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class FaultNumber:
-    """A number of a fault, with its range in its ``unit``; without default it must be given."""
+    """A numeric parameter of a fault, with its range in ``unit``. Without a default, the user must give a value."""
 
     name: str
     unit: str  #: one of `WRITTEN_UNITS`, `OF_SENSOR` or `OF_SENSOR_PER_SECOND`
@@ -49,7 +49,7 @@ class FaultNumber:
 
     @property
     def span(self) -> str:
-        """The range as text."""
+        """Return the range as text."""
         if self.unit in (OF_SENSOR, OF_SENSOR_PER_SECOND):
             return f"up to the range {self.unit}, either way"
         unit = "" if self.unit == "1" else f" {self.unit}"
@@ -57,23 +57,23 @@ class FaultNumber:
 
     @property
     def usual(self) -> str:
-        """The default as text, "" without a default."""
+        """Return the default as text, or "" if there is none."""
         if self.default is None:
             return ""
         return f"{self.default:g}" + ("" if self.unit == "1" else f" {self.unit}")
 
     @property
     def of_sensor(self) -> bool:
-        """Whether unit and range are those of the fault's sensor."""
+        """Whether unit and range depend on the sensor that has the fault."""
         return self.unit in (OF_SENSOR, OF_SENSOR_PER_SECOND)
 
     def span_for(self, sensor: str) -> str:
-        """Return the range as text; for a number of a sensor that of ``sensor``."""
+        """Return the range as text. If the range depends on a sensor, that of ``sensor`` is used."""
         unit, low, high = self._range(sensor)
         return f"{low:g} to {high:.12g}" + ("" if unit == "1" else f" {unit}")
 
     def _range(self, sensor: str) -> tuple[str, float, float]:
-        """Return the unit, and the limits in this unit."""
+        """Return the unit, and the limits in this unit. They may depend on ``sensor``."""
         if not self.of_sensor:
             return self.unit, self.low, self.high
         signal = TABLE[sensor]
@@ -86,7 +86,9 @@ class FaultNumber:
         return unit, -high, high
 
     def read(self, text: Any, sensor: str) -> float:
-        """Return ``text`` in SI; a number of a sensor needs its name. Raises FaultError."""
+        """Return ``text`` as a number in SI. ``sensor`` is needed if the unit depends on it. Raises FaultError for an
+        invalid text.
+        """
         unit, low, high = self._range(sensor)
         si, factor, _ = WRITTEN_UNITS[unit]
         try:
@@ -104,7 +106,7 @@ class FaultNumber:
 
 @dataclass(frozen=True, slots=True)
 class FaultChoice:
-    """A choice of words for a fault; without default it must be given."""
+    """A parameter of a fault with a choice of words. Without a default, the user must give one of them."""
 
     name: str
     choices: tuple[str, ...]
@@ -113,16 +115,16 @@ class FaultChoice:
 
     @property
     def span(self) -> str:
-        """The choices as text."""
+        """Return the choices as text."""
         return " or ".join(f"`{choice}`" for choice in self.choices)
 
     @property
     def usual(self) -> str:
-        """The default, "" without a default."""
+        """Return the default, or "" if there is none."""
         return self.default or ""
 
     def read(self, text: Any, sensor: str) -> str:
-        """Return ``text`` if it is one of the choices. Raises FaultError if it is not."""
+        """Return ``text`` if it is one of the choices. Otherwise raises FaultError."""
         del sensor
         if str(text) in self.choices:
             return str(text)
@@ -131,7 +133,9 @@ class FaultChoice:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One fault. With a ``target``, the name of a parameter, it can be active for several values of it at once."""
+    """One kind of fault. ``target`` is the name of a parameter, or "". With a target, the fault can be active several
+    times, once for each value of the target.
+    """
 
     name: str
     place: FaultPlace
@@ -143,7 +147,7 @@ class Fault:
     lasts: float | None = None  #: s, if no duration is given
 
     def read(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Return all values (SI, choices as texts) from texts with units, such as ``{"area": "2 mm2"}``.
+        """Return all values (numbers in SI, choices as text) from texts with units, such as ``{"area": "2 mm2"}``.
 
         Raises FaultError with name, value, unit and correct form.
         """
@@ -163,5 +167,7 @@ class Fault:
         return values
 
     def label(self, values: Values) -> str:
-        """Return the label of the active fault: ``bias.left.height``, or only its name."""
+        """Return the label of the active fault, such as ``bias.left.height``. Without a target it is the name of the
+        fault.
+        """
         return f"{self.name}.{values[self.target]}" if self.target else self.name

@@ -1,4 +1,4 @@
-"""Faults in the compiled tick: disturbed readings, and held inputs of the plant."""
+"""Faults in the compiled tick: wrong sensor readings, and plant inputs with fixed values."""
 
 import math
 from enum import IntEnum
@@ -44,7 +44,7 @@ DISTURBANCE: Final = np.dtype(
 
 
 class FaultArrays(NamedTuple):
-    """The faults that the tick itself applies."""
+    """The active faults that the tick applies, as arrays for compiled code."""
 
     counts: npt.NDArray[np.int64]  #: (2,): disturbed readings, held inputs; 0 costs nothing
     disturbances: npt.NDArray[np.void]
@@ -52,13 +52,13 @@ class FaultArrays(NamedTuple):
 
     @classmethod
     def none(cls) -> "FaultArrays":
-        """Return empty arrays."""
+        """Return arrays without any fault."""
         return cls(np.zeros(2, np.int64), np.zeros(DISTURBANCES_MAX, DISTURBANCE), np.full(INPUTS, np.nan))
 
 
 @compiled
 def hold_inputs(faults: Any, u: Any) -> None:
-    """Replace inputs of the plant by the held ones."""
+    """Set the plant inputs with a fault to their fixed values."""
     if faults.counts[1] == 0:
         return
     for k in range(INPUTS):
@@ -68,9 +68,9 @@ def hold_inputs(faults: Any, u: Any) -> None:
 
 @compiled
 def disturb(faults: Any, tick: int, par: Any, readings: Any) -> None:
-    """Disturb the readings (SI) of one sampling instant, in the order in which the faults were switched on.
+    """Change the readings (SI) of one sampling instant, in the order in which the faults were switched on.
 
-    A reading with an offset or a wrong sign stays within the range of its transducer.
+    A reading with an offset or a wrong sign stays within the range of its sensor.
     """
     for row in range(faults.counts[0]):
         one = faults.disturbances[row]
@@ -102,5 +102,5 @@ def disturb(faults: Any, tick: int, par: Any, readings: Any) -> None:
 
 
 def chance_of(rate: float) -> float:
-    """Return the probability per sample of an event with ``rate`` (Hz)."""
+    """Return the probability per sample of an event that occurs at an average ``rate`` in Hz."""
     return min(rate / FAST_RATE, 1.0)

@@ -1,4 +1,4 @@
-"""Insertion points of faults: the parts of a running rig that a fault can change, and restores when it ends."""
+"""Insertion points of faults: parts of a running rig that a fault can change. They are restored when the fault ends."""
 
 import math
 from collections.abc import Callable, Collection, Mapping
@@ -21,7 +21,7 @@ _DISTURBANCES, _INPUTS = 0, 1
 
 
 class Breakable(Protocol):
-    """Effects of faults on the whole rig."""
+    """The methods of a rig that faults of the whole rig use."""
 
     def press_estop(self) -> None: ...
     def release_estop(self) -> None: ...
@@ -29,7 +29,7 @@ class Breakable(Protocol):
     def power_on(self) -> None: ...
     def hold_program(self) -> None: ...
     def set_mains(self, *, there: bool) -> None:
-        """Switch the mains, and with it the power of valves and actuators, off or on."""
+        """Switch the mains power on or off. Without mains, valves and actuators have no power."""
 
     def stall(self, duration: int) -> None:
         """Delay the next tick by ``duration`` ns, in real time."""
@@ -47,7 +47,7 @@ class Wire(Protocol):
 
 @dataclass(frozen=True)
 class Wires:
-    """Interfaces of the rig that faults can cut; a bus without connections cannot be cut."""
+    """The interfaces of the rig that faults can interrupt. ``can`` is None for a bus without connections."""
 
     bus: CanBus
     can: Wire | None
@@ -55,7 +55,7 @@ class Wires:
 
 
 class TickFaults:
-    """The disturbed readings and held inputs of a compiled tick."""
+    """Manages the faults of readings and plant inputs in a compiled tick."""
 
     def __init__(self, arrays: FaultArrays, controls: Any) -> None:
         self._arrays, self._controls = arrays, controls
@@ -65,7 +65,10 @@ class TickFaults:
     def disturb(
         self, sensor: int, kind: DisturbanceKind, value: float, *, chance: float = 0.0, seed: int = 0
     ) -> Undo:
-        """Disturb a reading from now on. Raises RuntimeError if too many are disturbed already."""
+        """Apply a fault to the reading of ``sensor`` from now on. Return a function that ends the fault.
+
+        Raises RuntimeError if too many readings have a fault.
+        """
         if len(self._rows) == DISTURBANCES_MAX:
             raise RuntimeError(
                 f"{DISTURBANCES_MAX} readings are disturbed already; switch off one of these faults first"
@@ -83,7 +86,10 @@ class TickFaults:
         return undo
 
     def hold(self, values: Mapping[Input, float]) -> Undo:
-        """Hold inputs of the plant at ``values``, independent of the controls; the last hold of an input applies."""
+        """Keep plant inputs at ``values``, whatever the controls command. Return a function that ends this.
+
+        If several faults keep the same input, the latest applies.
+        """
         held = dict(values)
         self._holds.append(held)
         self._write()
@@ -95,7 +101,7 @@ class TickFaults:
         return undo
 
     def _save(self) -> None:
-        """Copy the state that the tick has stored: the value of a stuck reading."""
+        """Save the values of stuck readings, which the tick has stored."""
         for place, row in enumerate(self._rows):
             row[0] = self._arrays.disturbances[place]
 
@@ -111,7 +117,9 @@ class TickFaults:
 
 
 class ParameterFaults:
-    """Stack of changes of the plant's parameters; after the last one ends, the old values are restored exactly."""
+    """The changes of plant parameters by active faults. After the last one ends, the old values are
+    restored exactly.
+    """
 
     def __init__(self, parameters: Any, owned: Collection[str] = ()) -> None:
         self._parameters, self._owned = parameters, owned
@@ -119,8 +127,9 @@ class ParameterFaults:
         self._changes: list[tuple[tuple[str, ...], Callable[[Any], None]]] = []
 
     def change(self, names: tuple[str, ...], change: Callable[[Any], None]) -> Undo:
-        """Alter the parameters ``names`` by ``change(record)`` until the returned function is called. Raises
-        RuntimeError for parameters of springs that an FMU computes.
+        """Change the parameters ``names`` by ``change(record)``. Return a function that ends the change.
+
+        Raises RuntimeError for parameters of springs that an FMU computes.
         """
         self.own(names)
         entry = names, change
@@ -132,7 +141,7 @@ class ParameterFaults:
         return undo
 
     def own(self, names: Collection[str]) -> None:
-        """Raise RuntimeError if one of these parameters is of springs that an FMU computes."""
+        """Raise RuntimeError if any of these parameters belongs to springs that an FMU computes."""
         if owned := [name for name in names if name in self._owned]:
             raise RuntimeError(
                 f"{', '.join(owned)}: an FMU computes the springs, so its own parameters apply; change "
@@ -140,7 +149,7 @@ class ParameterFaults:
             )
 
     def under(self, alter: Callable[[], None]) -> None:
-        """Call ``alter()`` to change the fault-free values, and apply the changes to the new values afterwards."""
+        """Call ``alter()``, which changes the values without faults. Apply the faults to the new values afterwards."""
         changes = self._changes
         self._rebuild([])
         alter()
@@ -158,7 +167,9 @@ class ParameterFaults:
 
 
 class InsertionPoints:
-    """All insertion points of a rig. The interfaces are connected last; earlier faults of them apply from then on."""
+    """All insertion points of a rig. The interfaces are connected last, and faults that began earlier apply from then
+    on.
+    """
 
     def __init__(
         self, rig: Breakable, plant: Plant, controls: Any, springs: ReplacementSprings | None = None
@@ -177,7 +188,7 @@ class InsertionPoints:
         self._cut: list[str] = []
 
     def connect(self, wires: Wires) -> None:
-        """Apply the faults of bus and interfaces to ``wires``."""
+        """Connect the bus and the interfaces, and apply their active faults."""
         self._wires = wires
         if not self._stage.unused:
             wires.bus.add(self._stage)
@@ -185,9 +196,10 @@ class InsertionPoints:
             self._act(name, cut=True)
 
     def on_bus(self, fault: FrameFault) -> Undo:
-        """Apply ``fault`` to the frames of the bus until the returned function is called.
+        """Apply ``fault`` to the frames of the bus. Return a function that ends the fault.
 
-        The stage stays on the bus after the first fault, because its removal would have to wait for its users.
+        The stage stays on the bus after the first fault, because its removal would have to wait for frames in
+        progress.
         """
         fresh = self._stage.unused
         end = self._stage.add(fault)
@@ -196,7 +208,7 @@ class InsertionPoints:
         return end
 
     def cut(self, name: str) -> Undo:
-        """Close all connections of ``can`` or ``modbus``, and refuse new ones until the returned function is called."""
+        """Close all connections of ``can`` or ``modbus``, and refuse new ones. Return a function that ends this."""
         self._cut.append(name)
         if self._cut.count(name) == 1:
             self._act(name, cut=True)

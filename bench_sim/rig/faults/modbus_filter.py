@@ -1,4 +1,4 @@
-"""Faults of Modbus/TCP: changes of requests on their way to the rig, and of the bytes of its answers."""
+"""Faults of Modbus/TCP: they change requests before the rig receives them, and the bytes of its answers."""
 
 from collections.abc import Callable
 from typing import Final
@@ -19,29 +19,29 @@ Piece = tuple[float, bytes]
 
 
 class RequestFault:
-    """A change of requests or their answers, each with the probability ``chance``."""
+    """A change of requests or their answers. It affects each request with the probability ``chance``."""
 
     def __init__(self, chance: float = 1.0, requests: str = ALL, seed: int = 0) -> None:
         self._chance, self._requests = chance, requests
         self.random = np.random.default_rng(seed)
 
     def hits(self, request: bytes) -> bool:
-        """Return whether the fault affects this ``request``; each call draws a random number."""
+        """Return whether the fault affects this ``request``. Each call draws a random number."""
         drawn = self.random.random() < self._chance
         return drawn and (self._requests == ALL or (request[7] in _WRITES) is (self._requests == WRITES))
 
     def instead(self, request: bytes) -> bytes | None:
-        """Return the answer for the client if the rig is not asked, otherwise None."""
+        """Return an answer for the client without passing the request to the rig, or None to pass it."""
         del request
         return None
 
     def altered(self, request: bytes, response: bytes) -> bytes:
-        """Return the changed answer of the rig."""
+        """Return the answer of the rig as the client receives it."""
         del request
         return response
 
     def pieces(self, pieces: list[Piece]) -> list[Piece]:
-        """Return the pieces of an answer, changed from those so far."""
+        """Return the pieces in which an answer is sent, changed from ``pieces``."""
         return pieces
 
 
@@ -57,7 +57,7 @@ class Refusal(RequestFault):
 
 
 class Mute(RequestFault):
-    """Requests are neither executed nor answered."""
+    """Requests are lost: they are neither executed nor answered."""
 
     def instead(self, request: bytes) -> bytes | None:
         return b"" if self.hits(request) else None
@@ -110,13 +110,13 @@ class Split(RequestFault):
 
 
 class ModbusFilter:
-    """All active faults of Modbus, in the order in which they were switched on."""
+    """All active faults of Modbus, applied in the order in which they were switched on."""
 
     def __init__(self) -> None:
         self._faults: tuple[RequestFault, ...] = ()
 
     def add(self, fault: RequestFault) -> Callable[[], None]:
-        """Apply ``fault`` to requests from now on; return a function that ends it."""
+        """Apply ``fault`` to requests from now on. Return a function that ends the fault."""
         self._faults = (*self._faults, fault)
 
         def end() -> None:
@@ -125,7 +125,7 @@ class ModbusFilter:
         return end
 
     def before(self, answer: Answer) -> Answer:
-        """Return ``answer`` with the faults before it."""
+        """Return a function like ``answer`` that applies the faults to requests and answers."""
 
         def faulty(request: bytes, peer: str) -> bytes:
             faults = self._faults
@@ -140,7 +140,7 @@ class ModbusFilter:
         return faulty
 
     def pieces(self, response: bytes) -> list[Piece]:
-        """Return the pieces of ``response`` after all faults."""
+        """Return the pieces in which ``response`` is sent, after all faults."""
         pieces: list[Piece] = [(0.0, response)]
         for fault in self._faults:
             pieces = fault.pieces(pieces)

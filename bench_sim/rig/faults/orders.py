@@ -1,10 +1,10 @@
-"""Orders to the fault panel of a running rig: one line of JSON in, one line of JSON out.
+"""Commands for the fault panel of a running rig: each is one line of JSON, and so is its answer.
 
     {"do": "list"}
     {"do": "on", "name": "leak", "values": {"side": "left", "area": "2 mm2"}, "for": "3 s"}
     {"do": "off", "name": "leak.left"}
 
-If an order is invalid or not allowed, the answer has a key ``error``, and nothing changes.
+If a command is invalid or not allowed, the answer has the key ``error``, and nothing changes.
 """
 
 from contextlib import AbstractContextManager
@@ -20,7 +20,7 @@ from bench_sim.rig.faults.panel import FaultPanel
 
 
 class FaultOrder(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """An order to the panel."""
+    """A command for the fault panel."""
 
     do: Literal["list", "on", "off"]
     name: str = ""
@@ -29,7 +29,7 @@ class FaultOrder(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 def read_time(name: str, text: str | None) -> float | None:
-    """Return a time like ``3 s`` in s. Raises FaultError for anything else."""
+    """Return a time such as ``3 s`` in s, or None for None. Raises FaultError for an invalid text."""
     try:
         return None if text is None else read_value(name, text, "s")
     except ParameterError as error:
@@ -37,7 +37,9 @@ def read_time(name: str, text: str | None) -> float | None:
 
 
 def execute_order(panel: FaultPanel, line: bytes, lock: AbstractContextManager[object]) -> bytes:
-    """Execute the order in ``line`` under the rig's ``lock``; return the answer as a line. Never raises."""
+    """Execute the command in ``line`` while holding the rig's ``lock``. Return the answer as a line of JSON. Errors
+    are in the answer.
+    """
     try:
         order = msgspec.json.decode(line, type=FaultOrder)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
@@ -51,7 +53,7 @@ def execute_order(panel: FaultPanel, line: bytes, lock: AbstractContextManager[o
 
 
 def as_json(fault: Fault) -> dict[str, Any]:
-    """Return the facts of a fault, for JSON."""
+    """Return the description of a kind of fault, for JSON."""
     return {
         "name": fault.name,
         "place": fault.place.value,
@@ -62,7 +64,9 @@ def as_json(fault: Fault) -> dict[str, Any]:
 
 
 def _parameter_facts(one: FaultNumber | FaultChoice) -> dict[str, Any]:
-    """Return the facts of a parameter: its ``choices``, or for a number of a sensor the range for each sensor."""
+    """Return the description of a parameter. It includes its choices, or the range for each sensor if it depends on
+    one.
+    """
     found = {"name": one.name, "span": one.span.replace("`", ""), "usual": one.usual, "text": one.text}
     if isinstance(one, FaultChoice):
         return found | {"choices": one.choices}

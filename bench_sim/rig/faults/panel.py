@@ -1,4 +1,4 @@
-"""The fault panel of a rig: it switches all faults, and lists the active ones with start and end."""
+"""The fault panel of a rig: it switches faults on and off, and lists the active ones with start and end."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +17,9 @@ LONGEST: Final = 86_400.0
 
 @dataclass(frozen=True, slots=True)
 class PlannedFault:
-    """A fault in a rig file: from ``at`` (s of the rig's time) on, for ``lasting`` s, or to the end."""
+    """A fault in a rig file. It begins ``at`` s of the rig's time, and lasts for ``lasting`` s or until the end of
+    the run.
+    """
 
     name: str
     values: Mapping[str, Any]
@@ -27,7 +29,7 @@ class PlannedFault:
 
 @dataclass(frozen=True, slots=True)
 class ActiveFault:
-    """An active fault; times are s of the rig's time."""
+    """An active fault. Times are in s of the rig's time."""
 
     label: str
     fault: Fault
@@ -37,7 +39,7 @@ class ActiveFault:
     undos: tuple[Undo, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """Return its facts, for JSON."""
+        """Return the description of this active fault, for JSON."""
         return {
             "label": self.label,
             "name": self.fault.name,
@@ -48,7 +50,7 @@ class ActiveFault:
 
 
 class FaultPanel:
-    """Switches faults at the insertion ``points`` of a rig. Callers hold the rig's lock."""
+    """Switches faults on and off at the insertion ``points`` of a rig. The caller must hold the rig's lock."""
 
     def __init__(self, points: InsertionPoints) -> None:
         self.points: Final = points
@@ -65,9 +67,10 @@ class FaultPanel:
         return tuple(self._on.values())
 
     def on(self, name: str, given: Mapping[str, Any], lasting: float | None = None) -> ActiveFault:
-        """Switch a fault on, or change an active one; ``lasting`` (s) limits its duration.
+        """Switch a fault on, or replace it if it is active. It ends after ``lasting`` s if a time is given. Return
+        the active fault.
 
-        Raises FaultError, without any change, for an unknown fault or invalid values.
+        Raises FaultError for an unknown fault or invalid values; then nothing changes.
         """
         fault = find_fault(name)
         values = fault.read(given)
@@ -91,9 +94,10 @@ class FaultPanel:
         return active
 
     def off(self, name: str) -> list[str]:
-        """Switch off the fault with this label, all of this name, or ``all``; return their labels.
+        """Switch off the fault with this label, all faults of this name, or ``all``. Return the labels of these
+        faults.
 
-        Raises FaultError if there is no such fault, or it is not on.
+        Raises FaultError if there is no such fault, or if it is not on.
         """
         if name == "all":
             labels = list(self._on)
@@ -108,7 +112,7 @@ class FaultPanel:
         return labels
 
     def plan(self, planned: PlannedFault) -> None:
-        """Switch a fault on at its time, at once for time 0; raises FaultError like `on`."""
+        """Switch a fault on at its time, or at once if the time has passed. Raises FaultError like `on`."""
         find_fault(planned.name).read(planned.values)
         _check_time("at", planned.at, 0.0)
         _check_time("for", planned.lasting, TICK)
@@ -123,7 +127,7 @@ class FaultPanel:
             self.points.schedule.at(tick, begin)
 
     def decide(self, happened: Happened) -> None:
-        """Start and end the faults that are due."""
+        """Switch on and off the faults whose time has come."""
         if Happened.FAULT in happened:
             self.points.schedule.run()
 

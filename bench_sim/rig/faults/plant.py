@@ -1,4 +1,4 @@
-"""The faults of the plant, by name: air, valves and actuators of the bench itself."""
+"""The faults of the plant, by name: of its air supply, valves and actuators."""
 
 from typing import Any, Final
 

@@ -1,4 +1,4 @@
-"""The start and end of faults: actions by tick. The tick stops at each of them."""
+"""A schedule of actions by tick number, for the start and end of faults. The compiled ticks stop at each of them."""
 
 import heapq
 import itertools
@@ -10,7 +10,7 @@ _NEVER: Final = -1
 
 
 class Schedule:
-    """Actions at future ticks; ``controls`` is the record of the tick."""
+    """Actions at future ticks. ``controls`` is the record of the tick."""
 
     def __init__(self, controls: Any) -> None:
         self._controls = controls
@@ -24,7 +24,9 @@ class Schedule:
         return int(self._controls["tick"])
 
     def at(self, tick: int, do: Callable[[], None]) -> Undo:
-        """Call ``do()`` after ``tick``, or after the next one if it has passed; return a function that cancels it."""
+        """Call ``do()`` after ``tick``, or after the next tick if that has passed. Return a function that cancels
+        this.
+        """
         number = next(self._order)
         heapq.heappush(self._due, (max(tick, self.tick + 1), number, do))
         self._set_next_tick()
@@ -37,7 +39,7 @@ class Schedule:
         return cancel
 
     def every(self, ticks: int, do: Callable[[], None]) -> Undo:
-        """Call ``do()`` after the next tick and then every ``ticks`` ticks; return a function that ends it."""
+        """Call ``do()`` after the next tick and then every ``ticks`` ticks. Return a function that ends this."""
         running = True
         cancel: Undo
 
@@ -56,7 +58,7 @@ class Schedule:
         return end
 
     def run(self) -> None:
-        """Run the actions that are due."""
+        """Call the actions whose tick has come."""
         while self._due and self._due[0][0] <= self.tick:
             _, _, do = heapq.heappop(self._due)
             do()

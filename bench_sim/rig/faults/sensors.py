@@ -1,4 +1,4 @@
-"""The faults of sensors, by name: wrong readings of the rig, on both buses and for its own limits."""
+"""The faults of sensors, by name: wrong readings on both buses, which the limits of the rig also use."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""The instances of a spring FMU in the process that runs them, and the memory shared with the rig."""
+"""The instances of a spring FMU in the process that runs them, and the memory that this process shares with the rig."""
 
 from __future__ import annotations
 
@@ -41,7 +41,9 @@ _FREQUENCY: Final = 2.0
 
 
 def shared(path: Path, coupling: Coupling, *, create: bool = False) -> ExternalSprings:
-    """Return the arrays in the file ``path``; with ``create``, initialize them with the values known in advance."""
+    """Return the arrays that are stored in the file ``path``. With ``create``, make the file and write all known
+    values.
+    """
     shapes = layout(*coupling.sizes)
     sizes = [int(np.prod(shape)) * np.dtype(kind).itemsize for shape, kind in shapes]
     starts = np.concatenate(([0], np.cumsum([-(-size // 64) * 64 for size in sizes])))
@@ -85,9 +87,10 @@ def initialize(
     feeds: npt.NDArray[np.float64],
     log: Callable[[str], Any],
 ) -> list[Any]:
-    """Create and initialize the instances with the springs as in ``feeds``; return the objects to keep alive.
+    """Create and initialize the instances, with the springs in the state ``feeds``. Return objects that must stay
+    alive.
 
-    Raises an exception of FMPy, or FmuError for a call that failed; ``e`` has the number of the call.
+    Raises an exception of FMPy, or FmuError for a failed call. ``e`` contains the number of that call.
     """
     kept: list[Any] = []
     version = coupling.fmu.version
@@ -124,7 +127,7 @@ def _feed(e: ExternalSprings, held: npt.NDArray[np.float64], at_end: npt.NDArray
 def time_steps(
     e: ExternalSprings, coupling: Coupling, feeds: npt.NDArray[np.float64], steps: int
 ) -> npt.NDArray[np.float64]:
-    """Return the durations (s) of some communication steps, with both springs moving up and down a little.
+    """Return the durations (s) of ``steps`` communication steps, in which both springs move up and down a little.
 
     Raises FmuError for a failed step.
     """
@@ -162,7 +165,7 @@ _STATUS: Final = {2: "discard", 3: "error", 4: "fatal", 5: "pending"}
 
 
 def where(e: ExternalSprings, coupling: Coupling) -> str:
-    """Return the present or last call, its instance and its time, as text."""
+    """Return a text on the present or last call: its name, instance and time."""
     k = e.numbers[Slot.INSTANCE]
     which = f" of the {coupling.instances[k].name} spring" if len(coupling.instances) > 1 else ""
     if not e.instances[k, COMPONENT]:
@@ -171,7 +174,7 @@ def where(e: ExternalSprings, coupling: Coupling) -> str:
 
 
 def failure_reason(e: ExternalSprings, coupling: Coupling) -> str:
-    """Return as text why a call failed."""
+    """Return a text with the reason why a call failed."""
     n = e.numbers
     match Failure(n[Slot.FAILED]):
         case Failure.STATUS:

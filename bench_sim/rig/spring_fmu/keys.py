@@ -1,4 +1,4 @@
-"""``[simulation.spring_map]``: the variables of an FMU for the quantities of a spring, and its steps."""
+"""The keys in ``[simulation.spring_map]``: which variables of an FMU are the quantities of a spring, and its steps."""
 
 from typing import Final, Literal
 
@@ -6,7 +6,7 @@ import msgspec
 
 
 class VariableKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """A variable of the FMU. ``unit`` is needed if the FMU declares none and the variable is not in SI."""
+    """A variable of the FMU. ``unit`` is needed if the FMU states no unit and the variable is not in SI."""
 
     variable: str
     unit: str = ""
@@ -14,10 +14,10 @@ class VariableKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 class SpringMap(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """The map. Names on the left are the bench's, those on the right the FMU's.
+    """The map from names of the bench (left) to names of variables in the FMU (right).
 
-    With names of both sides (``"left.height"``) one instance computes both springs; with names of one spring
-    (``height``) there is one instance for each side. Without inputs and outputs the FMU must use the bench's names.
+    With names that contain the side (``"left.height"``) one instance computes both springs. With names of one spring
+    (``height``) each side has its own instance. Without inputs and outputs the FMU must use the names of the bench.
     """
 
     inputs: dict[str, str | VariableKeys] = {}

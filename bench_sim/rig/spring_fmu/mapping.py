@@ -1,4 +1,4 @@
-"""Maps variables of an FMU to quantities of a spring: checks names, units and signs of the map."""
+"""Maps variables of an FMU to quantities of a spring. Checks the names, units and signs of the map."""
 
 from __future__ import annotations
 
@@ -74,7 +74,9 @@ _WITHOUT_AIR: Final = "air.at_start"
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """A variable of one instance. An input is ``scale`` · SI + ``zero``; SI is ``scale`` · output + ``zero``."""
+    """A variable of one instance and the conversion of its value. An input is ``scale`` · SI + ``zero``. The SI value
+    of an output is ``scale`` · output + ``zero``.
+    """
 
     name: str
     reference: int
@@ -85,7 +87,7 @@ class Link:
 
 @dataclass(frozen=True, slots=True)
 class Instance:
-    """One instance of the FMU; ``parameters`` are pairs (reference, number) to set before its initialization."""
+    """One instance of the FMU. ``parameters`` are pairs (reference, number) that are set before its initialization."""
 
     name: str
     inputs: tuple[Link, ...]
@@ -108,16 +110,16 @@ class Coupling:
 
     @property
     def sizes(self) -> tuple[int, int, int]:
-        """Number of instances, inputs, and outputs."""
+        """Return the numbers of instances, inputs, and outputs."""
         inputs = sum(len(one.inputs) for one in self.instances)
         return len(self.instances), inputs, sum(len(one.outputs) for one in self.instances)
 
 
 def coupling_of(fmu: Fmu, keys: SpringMap, ambient: float) -> Coupling:
-    """Return the connection of ``fmu`` that replaces the springs. ``ambient`` (K) is the temperature of gas without an
-    output.
+    """Return the connection of ``fmu`` that replaces the springs. If the FMU has no output for a gas temperature, it
+    is ``ambient`` (K).
 
-    Raises FmuError with the key of the map.
+    Raises FmuError, whose text names the key of the map.
     """
     own = not keys.inputs and not keys.outputs
     if own:
@@ -141,7 +143,7 @@ def coupling_of(fmu: Fmu, keys: SpringMap, ambient: float) -> Coupling:
 
 
 def _own_names(fmu: Fmu, keys: SpringMap) -> SpringMap:
-    """Return the map of an FMU whose variables have the bench's names."""
+    """Return the map of an FMU whose variables have the names of the bench."""
     known = fmu.variables
     inputs = {name: name for name in _fed_names() if name in known and _is_input(known[name])}
     outputs = {name: name for name in _taken_names() if name in known and known[name].causality == "output"}
@@ -166,7 +168,7 @@ def _is_input(one: Variable) -> bool:
 
 
 def _fed_names() -> dict[str, tuple[str, int]]:
-    """Return unit and place of each input of an instance for both springs, by its name."""
+    """Return unit and index of each input, by name, for an instance that computes both springs."""
     names: dict[str, tuple[str, int]] = {}
     for name, (unit, place, per_side) in _FED.items():
         if not per_side:
@@ -179,7 +181,7 @@ def _fed_names() -> dict[str, tuple[str, int]]:
 
 
 def _taken_names() -> dict[str, tuple[str, int]]:
-    """Return unit and place of each output of an instance for both springs, by its name."""
+    """Return unit and index of each output, by name, for an instance that computes both springs."""
     names = {
         f"{word}.{name}": (unit, int(place) + side)
         for name, (unit, place) in _TAKEN.items()
@@ -189,7 +191,7 @@ def _taken_names() -> dict[str, tuple[str, int]]:
 
 
 def _both_sides(keys: SpringMap) -> bool:
-    """Return whether one instance computes both springs. Raises FmuError if names of both kinds are mixed."""
+    """Return whether one instance computes both springs. Raises FmuError if both kinds of names are mixed."""
     kinds = {("." in name) for name in (*keys.inputs, *keys.outputs)}
     if len(kinds) == 2:
         raise FmuError(
@@ -202,7 +204,7 @@ def _both_sides(keys: SpringMap) -> bool:
 def _instance(
     fmu: Fmu, keys: SpringMap, side: str, place: int | None, ambient: float, notes: list[str]
 ) -> Instance:
-    """Return the instance of a ``side``, or of both for ""."""
+    """Return the instance for one ``side``, or for both springs if ``side`` is ""."""
     if place is None:
         fed, taken = _fed_names(), _taken_names()
     else:
@@ -223,7 +225,7 @@ def _link(
     entry: str | VariableKeys,
     known: Mapping[str, tuple[str, int]],
 ) -> Link:
-    """Return the link of one line of the map."""
+    """Return the conversion for one line of the map."""
     where = f"spring_map.{kind}.{name}"
     if name not in known:
         raise FmuError(f"{where}: the bench has no such quantity; {did_you_mean(name, known)}")
@@ -252,7 +254,7 @@ def _check_kind(variable: Variable, kind: str, where: str) -> None:
 
 
 def _scale(variable: Variable, unit: str, si: str, where: str) -> tuple[float, float]:
-    """Return factor and zero: SI = factor · number + zero."""
+    """Return the factor and zero of a variable: SI = factor · number + zero."""
     if unit and unit not in UNITS:
         raise FmuError(f'{where}: unit = "{unit}" is unknown; use {_units(si)}')
     if unit and base_exponents(UNITS[unit].si) != base_exponents(si):
@@ -280,7 +282,9 @@ def _units(si: str) -> str:
 def _assumed(
     fmu: Fmu, outputs: list[Link], taken: Mapping[str, tuple[str, int]], ambient: float, notes: list[str]
 ) -> list[Link]:
-    """Return values for missing outputs: auxiliary pressure as in the bellows, ambient temperature, no force."""
+    """Return links for missing outputs: auxiliary pressure as in the bellows, ambient temperature, and no force. A
+    note on each is added to ``notes``.
+    """
     mapped = {one.place: one for one in outputs}
     assumed = []
     for name, (si, place) in taken.items():
@@ -304,7 +308,7 @@ def _assumed(
 
 
 def _check_complete(fmu: Fmu, keys: SpringMap, instances: tuple[Instance, ...]) -> None:
-    """Raise FmuError if a spring lacks its height, force or pressure."""
+    """Raise FmuError if the map has no height, force or pressure of a spring."""
     fed = {link.place for one in instances for link in one.inputs}
     taken = {link.place for one in instances for link in one.outputs}
     missing = [f"inputs.{side}.height" for k, side in enumerate(SIDES) if Feed.HEIGHT + k not in fed]
@@ -322,7 +326,9 @@ def _check_complete(fmu: Fmu, keys: SpringMap, instances: tuple[Instance, ...]) 
 
 
 def _parameters(fmu: Fmu, given: Mapping[str, str | int | float], side: str) -> list[tuple[int, float]]:
-    """Return (reference, number) of each parameter of this instance; ``left.x`` is x of the left spring."""
+    """Return (reference, number) of each parameter of this instance. ``left.x`` is the parameter x of the left
+    spring.
+    """
     found = []
     for key, value in given.items():
         name = key
@@ -389,7 +395,9 @@ def _seconds(what: str, text: str, most: float) -> float:
 
 
 def fill(numbers: Mapping[str, npt.NDArray[np.float64]], coupling: Coupling) -> None:
-    """Write references, places and scales of ``coupling`` into the arrays of `ExternalSprings`, by their names."""
+    """Write references, indices and scales of ``coupling`` to the arrays of `ExternalSprings`, which are given by
+    name.
+    """
     inputs = [link for one in coupling.instances for link in one.inputs]
     outputs = [link for one in coupling.instances for link in one.outputs]
     for links, references, places, scales in (

@@ -1,4 +1,6 @@
-"""Springs of a rig computed by an FMU: tested in a separate process, then run there or in the rig's process."""
+"""Springs of a rig that an FMU computes. It is tested in a separate process, then runs there or in the
+rig's process.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,7 @@ _OTHERS: Final = (2, 5, 10, 20)
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """The duration of communication steps of ``step`` s, in s."""
+    """The measured durations (s) of communication steps of ``step`` s."""
 
     step: float
     median: float
@@ -50,19 +52,21 @@ class Budget:
 
     @classmethod
     def of(cls, step: float, durations: npt.NDArray[np.float64]) -> Budget:
-        """Return the durations without the first tenth, in which memory is accessed for the first time."""
+        """Return the statistics of ``durations`` without the first tenth, in which memory is accessed for the first
+        time.
+        """
         counted = durations[len(durations) // 10 :]
         slow = float(np.quantile(counted, 0.99))
         return cls(step, float(np.median(counted)), slow, float(counted.max()))
 
     @property
     def in_a_tick(self) -> bool:
-        """Whether every tick keeps its deadline."""
+        """Whether a step is fast enough for the deadline of every tick."""
         return self.slow <= _OF_A_TICK * TICK
 
     @property
     def on_average(self) -> bool:
-        """Whether the mean duration of a step lets the rig catch up after late ticks."""
+        """Whether a step is fast enough on average, so that the rig can catch up after late ticks."""
         return self.median <= _OF_ALL * self.step
 
     def __str__(self) -> str:
@@ -77,10 +81,10 @@ def _time(value: float) -> str:
 
 
 class SpringFmu:
-    """Springs computed by an FMU (`bench_sim.rig.springs.ReplacementSprings`); `close` ends its process.
+    """Springs that an FMU computes (`bench_sim.rig.springs.ReplacementSprings`). `close` ends its process.
 
-    Raises FmuError for an FMU that cannot be used, which includes a failure in the trial. ``budget`` is the duration of
-    its steps.
+    Raises FmuError for an FMU that cannot be used or that fails in the trial. ``budget`` states the duration of its
+    steps.
     """
 
     _worker: Worker | None = None
@@ -111,14 +115,14 @@ class SpringFmu:
 
     @property
     def adjustable(self) -> frozenset[str]:
-        """Parameters that an operator changes between runs and for which the FMU has inputs."""
+        """Return the parameters that a person changes between runs and for which the FMU has inputs."""
         fed = set(self.arrays.fed.tolist())
         names = {"nominal_preload": Feed.NOMINAL_PRELOAD, "orifice_diameter": Feed.ORIFICE_DIAMETER}
         return frozenset(name for name, place in names.items() if {place, place + 1} <= fed)
 
     @property
     def owned(self) -> frozenset[str]:
-        """Parameters of the bench's model that the FMU replaces."""
+        """Return the names of the bench parameters that the FMU replaces."""
         e = self.arrays
         bench = Lanes.FEEDS | Lanes.JOINS if e.numbers[Slot.VALVES] else Lanes(0)
         supply = SUPPLY_TAKEN in e.taken
@@ -130,19 +134,19 @@ class SpringFmu:
         )
 
     def pressures(self) -> npt.NDArray[np.float64]:
-        """Return the gauge pressure in all chambers, Pa."""
+        """Return the gauge pressures in all chambers in Pa."""
         e = self.arrays
         chambers = (Algebraic.PRESSURE, Algebraic.AUXILIARY_PRESSURE)
         places = [place + side for place in chambers for side in range(SIDES)]
         return np.array(e.known[1, np.isin(e.taken, places)])
 
     def limit_timeout(self) -> None:
-        """Limit the timeout of a step to what clients of a rig in real time allow."""
+        """Reduce the timeout of a step to the time that clients of a rig in real time allow."""
         n = self.arrays.numbers
         n[Slot.PATIENCE] = min(n[Slot.PATIENCE], _STEP_TIMEOUT_MAX)
 
     def failure(self) -> str:
-        """Return as text why the springs have failed; kill a process that hangs."""
+        """Return a text with the reason why the springs have failed. A process that hangs is killed."""
         e = self.arrays
         failed, at = Failure(e.numbers[Slot.FAILED]), where(e, self.coupling)
         if self._worker and failed in (Failure.SILENT, Failure.GONE):
@@ -156,7 +160,9 @@ class SpringFmu:
     def _start(
         self, memory: str, coupling: Coupling, feeds: npt.NDArray[np.float64], steps: int = 0
     ) -> tuple[Worker, ExternalSprings, npt.NDArray[np.float64]]:
-        """Initialize the FMU in a worker. Return it, its shared memory, and the durations (s) of trial ``steps``."""
+        """Initialize the FMU in a worker process. Return the worker, its shared memory, and the durations (s) of
+        trial ``steps``.
+        """
         path = self._runner.folder / memory
         e = shared(path, coupling, create=True)
         worker = self._runner.start()
@@ -173,7 +179,9 @@ class SpringFmu:
         return Budget.of(coupling.ticks * TICK, durations)
 
     def _time_notes(self, feeds: npt.NDArray[np.float64]) -> tuple[str, ...]:
-        """Return sentences on whether the FMU is fast enough in real time, or a step for which it is."""
+        """Return sentences on whether the FMU is fast enough for real time. If it is not, they recommend a longer
+        step.
+        """
         rate = f"{1e-3 / TICK:g} kHz"
         if self.budget.in_a_tick:
             return (f"{self._name}: {self.budget}: {rate} is kept",)
@@ -190,7 +198,7 @@ class SpringFmu:
 
     @property
     def too_slow(self) -> bool:
-        """Whether a rig in real time could not catch up."""
+        """Whether a rig in real time could not catch up after late ticks."""
         return not self.budget.on_average
 
     def _log_tail(self) -> str:
@@ -198,7 +206,7 @@ class SpringFmu:
 
 
 def first_feeds(plant: Plant) -> npt.NDArray[np.float64]:
-    """Return the inputs of springs (`Feed`) of a plant at rest."""
+    """Return the inputs of springs (`Feed`) for a plant at rest."""
     feeds = np.zeros(FEEDS)
     truth, par = plant.truth(), plant.parameters
     for side in range(SIDES):

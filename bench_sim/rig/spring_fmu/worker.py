@@ -1,6 +1,6 @@
-"""The worker process of a spring FMU: it initializes the FMU, then takes a communication step at each request.
+"""The worker process of a spring FMU. It initializes the FMU, then takes a communication step at each request.
 
-The present call is in shared memory, so the rig can report it after a crash.
+The number of the present call is in shared memory, so the rig can report it after a crash.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _PRIORITY = 10
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StartOrder:
-    """Initialize the FMU in the folder ``unpacked``, and take ``steps`` steps as a trial."""
+    """A request to initialize the FMU in the folder ``unpacked``, and to take ``steps`` steps as a trial."""
 
     coupling: Coupling
     unpacked: Path
@@ -35,7 +35,7 @@ class StartOrder:
 
 
 def main() -> None:
-    """Answer a `StartOrder` with the durations (s) of its trial steps, then take a step at each request of the rig."""
+    """Answer a `StartOrder` with the durations (s) of its trial steps. Then take a step at each request of the rig."""
     started: list[Any] = []
 
     def start(order: StartOrder) -> npt.NDArray[np.float64]:
