@@ -75,7 +75,7 @@ class Comparison(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def compare_runs(a: Path, b: Path) -> Comparison:
-    """Compare the runs in the directories ``a`` and ``b``. Raises RecordError if one is not a run."""
+    """Return the comparison of the runs in the directories ``a`` and ``b``. Raises RecordError if one is not a run."""
     (one, facts, first), (other, other_facts, second) = open_run(a), open_run(b)
     curves, lonely = _curve_pairs(one.curves, other.curves)
     return Comparison(

@@ -1,4 +1,4 @@
-"""HTML pages of stored runs: the comparison of two runs, and the trend of checks over the life of a specimen."""
+"""HTML pages of stored runs: the comparison of two runs, and the trend of checks of a specimen over many runs."""
 
 from __future__ import annotations
 

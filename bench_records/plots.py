@@ -134,7 +134,7 @@ def plain_numbers(figure: Figure | SubFigure) -> None:
     from matplotlib.ticker import FuncFormatter, LogFormatter, LogFormatterSciNotation
 
     class Plain(LogFormatterSciNotation):
-        """Formatter that writes plain numbers at the same ticks."""
+        """A formatter that uses the same ticks, but writes plain numbers."""
 
         def __call__(self, x: float, pos: Any = None) -> str:
             return number(x) if super().__call__(x, pos) else ""

@@ -223,7 +223,7 @@ def _values(values: Numbers) -> str:
 
 
 def _is_one_of(values: Numbers, codes: Sequence[float]) -> Mask:
-    """Return a mask of the values that equal a code within single precision."""
+    """Return a mask of the values that equal one of the ``codes`` within single precision."""
     mask = np.zeros(len(values), np.bool_)
     for code in codes:
         mask |= np.isclose(values, code, rtol=1e-6, atol=0.0)

@@ -112,7 +112,9 @@ class Fmi3(_Instance):
 
 
 def load(fmu: Fmu, unpacked: Path, log: Callable[[str], Any]) -> Fmi2 | Fmi3:
-    """Load the library of an FMU from its ``unpacked`` folder; ``log`` receives its warnings and errors."""
+    """Load the library of an FMU from its ``unpacked`` folder, and return its calls. ``log`` receives warnings and
+    errors.
+    """
     slave = {
         "guid": fmu.token,
         "modelIdentifier": fmu.identifier,

@@ -1,6 +1,6 @@
 """Reads an FMU: its variables with their units in SI, its capabilities, its identity and its files.
 
-Its library is not loaded here; a separate process does that (`bench_sim.fmu.process`).
+The library of the FMU is not loaded in this process. A separate process does that (`bench_sim.fmu.process`).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _NUMBERS: Final = REALS | WHOLE | {"Boolean"}
 
 
 class FmuError(ValueError):
-    """An FMU that cannot be read, mapped or run; the text names the fault, its place and the remedy."""
+    """An FMU cannot be read, mapped or run. The text states the fault, its place and the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ class Variable:
 
     @property
     def settable(self) -> bool:
-        """Whether a value may be given before the simulation begins."""
+        """Whether a value can be set before the simulation begins."""
         return self.causality in {"input", "parameter", "structuralParameter"} or (
             self.initial in {"exact", "approx"} and self.variability != "constant"
         )
@@ -108,7 +108,7 @@ class Fmu:
         return f"{self.path.name}, FMI {self.version}.0, {self.token}, sha256 {self.digest}"
 
     def variable(self, name: str, where: str) -> Variable:
-        """Return a variable by name. FmuError suggests similar names."""
+        """Return a variable by name. Raises FmuError, which suggests similar names, if there is none."""
         if name in self.variables:
             return self.variables[name]
         public = {"input", "output", "parameter"}
@@ -118,8 +118,9 @@ class Fmu:
 
 
 def read_fmu(path: Path) -> Fmu:
-    """Return the description of the FMU in a file. Raises FmuError for another file, version or kind, and for an FMU
-    without a library for this system.
+    """Return the description of the FMU in a file.
+
+    Raises FmuError if the file is not an FMU, has another FMI version or kind, or has no library for this system.
     """
     fmpy = require_fmpy()
     with file_errors(f"the FMU {path}", FmuError):
@@ -335,5 +336,5 @@ def _unit(path: Path, variable: str, name: str, definition: Any, si: Mapping[_Si
 
 
 def without_angles(exponents: Mapping[str, int]) -> dict[str, int]:
-    """Return the exponents of base units without rad, which some tools omit."""
+    """Return the exponents of base units without rad. Some tools leave rad out, so it is not compared."""
     return {base: power for base, power in exponents.items() if base != "rad"}

@@ -54,7 +54,7 @@ def _close(workers: list[Worker], temporary: tempfile.TemporaryDirectory[str]) -
 
 
 class Worker:
-    """A process that runs an FMU, as seen by its parent."""
+    """A worker process that runs an FMU. The parent process uses this object to start it and to send requests."""
 
     def __init__(self, name: str, module: str, folder: Path) -> None:
         self.name, self.folder, self._log = name, folder, folder / "log"
@@ -145,7 +145,7 @@ class Worker:
         return log_tail(self._log.read_text("utf-8", "replace")) if self._log.exists() else ""
 
     def close(self) -> None:
-        """End the process."""
+        """Kill the process, and close the pipes to it."""
         self._process.kill()
         self._process.wait()
         for stream in (self._stdin, self._stdout):

@@ -63,7 +63,7 @@ def actuator_force(x: Any, mem: Any, par: Any, j: int, d: float, d_speed: float)
 
 @compiled
 def actuator_term(x: Any, mem: Any, par: Any, out: Any, dx: Any) -> None:
-    """Add the dynamics of the three actuators and their forces on the bolster, in N, to the derivatives."""
+    """Add the dynamics of the three actuators, and their forces (N) on the bolster, to the derivatives ``dx``."""
     for j in range(ACTUATORS):
         omega = 2.0 * pi * par.actuator_frequency[j]
         rate = x[State.ACTUATOR_RATE + j]

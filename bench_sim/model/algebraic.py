@@ -1,4 +1,4 @@
-"""Algebraic variables that follow from the states: pressures, forces and the bellows' share of the deflection."""
+"""Algebraic variables, which are computed from the states: pressures, forces, and the deflection of the bellows."""
 
 from enum import IntEnum
 from typing import Final

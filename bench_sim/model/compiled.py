@@ -33,7 +33,7 @@ def compiled_once(function: Callable[..., Any]) -> Any:
 
 
 def compiled_entry(function: Callable[..., Any]) -> Any:
-    """Compile one of the few functions that allocate working arrays and call the others."""
+    """Compile a function that Python calls. It may allocate working arrays."""
     return _compile(function)
 
 

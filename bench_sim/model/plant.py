@@ -177,7 +177,7 @@ class Plant:
         return bool(np.isfinite(self.state).all())
 
     def snapshot(self) -> Snapshot:
-        """Return copies of all variables; `restore` restores them bit for bit."""
+        """Return copies of all variables. `restore` sets the variables to exactly these values."""
         return Snapshot(self.state.copy(), self.inputs.copy(), self.memory_array.copy(), self.counter)
 
     def restore(self, snapshot: Snapshot) -> None:

@@ -34,7 +34,7 @@ def fill_chamber(x: Any, par: Any, place: int, pressure: float, volume: float, t
 
 @compiled
 def relax_rubber(x: Any, mem: Any, side: int, z: float, y: float) -> None:
-    """Set the rubber of one bellows to the state long after a displacement of (z, y) m, vertical and lateral."""
+    """Set the rubber of one bellows to the state long after a deflection of z m vertically and y m laterally."""
     for j in range(BRANCHES):
         x[State.VERTICAL_DASHPOT + side * BRANCHES + j] = z
         x[State.LATERAL_DASHPOT + side * BRANCHES + j] = y

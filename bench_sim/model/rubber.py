@@ -216,7 +216,7 @@ def turn_friction(
 
 @compiled
 def _remember(mem: Any, direction: int, side: int, turn: float) -> None:
-    """Store the curve that a reversal at ``turn`` interrupts."""
+    """Store the present friction curve, which a reversal at ``turn`` interrupts."""
     mem.friction_outer_way[direction, side] = mem.friction_direction[direction, side]
     mem.friction_outer_turn[direction, side] = turn
     mem.friction_outer_origin[direction, side] = mem.friction_origin[direction, side]
@@ -227,7 +227,7 @@ def _remember(mem: Any, direction: int, side: int, turn: float) -> None:
 
 @compiled
 def _resume(mem: Any, direction: int, side: int) -> None:
-    """Continue the curve that the small loop interrupted."""
+    """Continue the stored friction curve, which a small loop has interrupted."""
     mem.friction_outer_way[direction, side] = 0.0
     mem.friction_origin[direction, side] = mem.friction_outer_origin[direction, side]
     mem.friction_level[direction, side] = mem.friction_outer_level[direction, side]

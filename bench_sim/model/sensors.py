@@ -78,7 +78,7 @@ def load_cell_term(par: Any, out: Any, values: Any) -> None:
 
 @compiled
 def true_values(x: Any, mem: Any, par: Any, out: Any, values: Any) -> None:
-    """Compute the readings of ideal sensors (SI, pressures gauge), in the order of `Sensor`."""
+    """Write the readings of ideal sensors to ``values`` (SI, pressures gauge), in the order of `Sensor`."""
     atmosphere = par.atmospheric_pressure
     for i in range(2):
         values[Sensor.LEFT_HEIGHT + i] = out[Algebraic.HEIGHT + i]

@@ -1,4 +1,4 @@
-"""Conversion of the dimensions of a rig to parameters of its simulation, and back."""
+"""Converts the dimensions of a rig to parameters of its simulation, and back."""
 
 from collections.abc import Mapping
 from typing import Any, Final

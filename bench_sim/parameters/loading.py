@@ -111,7 +111,7 @@ def chosen_load(loads: Mapping[str, Entry], load_case: str | None) -> str:
 
 
 def read_entry(name: str, raw: Any, quantity: Quantity) -> Entry:
-    """Return one parameter of a file, in SI."""
+    """Return one parameter of a file as an entry in SI. Raises `ParameterError` for an invalid entry."""
     try:
         given = entries.read_entry(name, raw, quantity.unit, (_PARTS,), WRITTEN_UNITS)
         low, high = (np.full(quantity.shape, given.si(part)) for part in ("min", "max"))
@@ -178,7 +178,7 @@ def require(known: Mapping[str, Any], given: Mapping[str, Any], what: str) -> No
 
 
 def unknown(name: str, known: tuple[str, ...], what: str = "parameter") -> str:
-    """Return the error message for an unknown name."""
+    """Return the error message for an unknown name, with a suggestion."""
     return f"{name} is not a {what}; {did_you_mean(name, known)}"
 
 

@@ -136,7 +136,9 @@ def extended(base: Set, model: Model, name: str) -> Set:
 
 
 def with_changes(base: Set, changes: Mapping[str, Any]) -> Set:
-    """Return ``base`` with `Model.changes`. Raises `ParameterError` for an invalid change."""
+    """Return a copy of ``base`` with the changes of a model (`Model.changes`). Raises `ParameterError` for an invalid
+    change.
+    """
     return base.with_values(
         **{
             name: {Sensor[key.upper()]: number for key, number in value.items()}
@@ -262,7 +264,7 @@ def _key(key: str) -> str:
 
 
 def _toml(value: Any) -> str:
-    """Return ``value`` as TOML; a table inside a table is written on one line."""
+    """Return ``value`` as TOML text. Tables are written on one line."""
     match value:
         case str():
             return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -99,7 +99,7 @@ class CanopenNode:
 
     @property
     def operational(self) -> bool:
-        """Whether PDOs are sent and received."""
+        """Whether the node is in the state operational, in which it sends and receives PDOs."""
         return int(self._controls["node_state"]) == NmtState.OPERATIONAL
 
     def start(self) -> None:

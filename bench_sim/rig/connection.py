@@ -55,7 +55,7 @@ class Connection(asyncio.Protocol):
                     sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
 
     def drop_after(self, delay: float) -> None:
-        """End the connection after ``delay`` s unless a new delay is set or the timer is stopped before."""
+        """End the connection after ``delay`` s, unless a new delay is set or the timer is stopped before that."""
         # A timer that runs is left to run and looks at the deadline only then: setting a new one costs nothing.
         self._deadline = self.loop.time() + delay
         if self._timer is None or self._timer.when() > self._deadline:
@@ -82,7 +82,7 @@ class Connection(asyncio.Protocol):
 
     @property
     def waiting(self) -> bool:
-        """Whether the timer runs."""
+        """Whether the timer that ends the connection is running."""
         return self._timer is not None
 
     def drop(self) -> None:

@@ -37,7 +37,7 @@ SLEW_TICKS: Final = MEDIUM
 
 
 class Target(IntEnum):
-    """Rows of the set-points."""
+    """The indices of the set-points in the arrays of the tick."""
 
     VERTICAL_LEFT = 0
     VERTICAL_RIGHT = 1

@@ -38,7 +38,7 @@ _TIME: Final = struct.Struct("<q")
 
 
 def read_bit_rate(text: str) -> float:
-    """Return the bit rate (bit/s) of ``text``, such as 500k, 1M or 83333. Raises ValueError for anything else."""
+    """Return the bit rate (bit/s) from a text such as 500k, 1M or 83333. Raises ValueError for another form."""
     found = re.fullmatch(r"(\d+(?:\.\d+)?)([kM]?)", text.strip())
     if not found:
         raise ValueError(f"bit_rate = {text} is not a bit rate; use 500k, 1M or a number of bit/s")

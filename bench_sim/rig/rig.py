@@ -349,7 +349,7 @@ class Rig:
                 self.cut_power()
 
     def power_on(self) -> None:
-        """Switch the power on, if the mains are on."""
+        """Switch on the power of valves and actuators, if the mains are on."""
         with self.lock:
             self.supervisor.handle(Event.POWER_ON)
 

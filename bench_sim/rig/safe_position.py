@@ -18,13 +18,13 @@ from bench_sim.model.layout import Sensor
 from bench_sim.model.wiring import sensors_of
 from bench_sim.rig.controls import AirSupply
 
-#: Slightly less than the pressure that carries the bolster (0.23 bar): the release of nearly unloaded actuators causes
+#: Slightly less than the pressure that carries the bolster (0.23 bar). The release of nearly unloaded actuators causes
 #: no motion.
 EMPTY: Final = 0.22 * bar
 #: Upward force of an actuator below which the bolster counts as set down.
 SET_DOWN: Final = 0.5 * kN
 LOWERING_SPEED: Final = 40 * mm / s
-#: Samples for which empty springs stay open: gas that expanded is cold, and shut in it would lift the bolster again.
+#: Samples for which empty springs stay open: expanded gas is cold, and would lift the bolster again in a closed spring.
 AIRING: Final = round(20 * s * FAST_RATE)
 
 _CHAMBERS: Final = tuple(int(sensor) for sensor in sensors_of(Group.PRESSURE))
@@ -58,7 +58,7 @@ def keep_grip(c: Any, values: Any) -> None:
         if not empty:
             c.grip = Grip.SHUT.value
         else:
-            # Each by itself: one that is on its spring already would press it down by the way of the other.
+            # Each actuator is lowered separately. Otherwise it could press a spring that already carries it.
             left, right = values[Sensor.VERTICAL_LEFT_FORCE], values[Sensor.VERTICAL_RIGHT_FORCE]
             lead = values[Sensor.VERTICAL_LEFT_DISPLACEMENT] - values[Sensor.VERTICAL_RIGHT_DISPLACEMENT]
             # An actuator without a force reading follows the other one, but not below it.

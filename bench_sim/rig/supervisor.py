@@ -1,4 +1,6 @@
-"""The supervisor: the state of the bench, and its effects on actuators, air, program and watchdog."""
+"""The supervisor: it manages the state of the bench, and what this state means for actuators, air, program and
+watchdog.
+"""
 
 from typing import Any, Final
 

@@ -25,9 +25,9 @@ def _quantisation(par: Any, place: int | None, values: Mapping[str, float]) -> N
 
 
 EFFECTS: Final = (
-    # Sensor latency: what the sensors of one kind see arrives late, s_m(t) = s(t − τ).
+    # Sensor latency: the readings of one kind of sensor arrive late, s_m(t) = s(t − τ).
     #
-    # The delay is interpolated between the outputs of the steps (`bench_sim.model.sensors`), so that the readings
+    # The delay is interpolated between the outputs of the steps (`bench_sim.model.sensors`). So the readings
     # are smooth in τ at 0. Readings are stamped on arrival: their time stamps do not show the delay.
     #
     # The displacements are those of both springs, of all pistons and of the platform. A replay is driven by most of
@@ -75,9 +75,9 @@ EFFECTS: Final = (
         source="averaging in the controller of a laser; a slower bus for the actuators' transducers",
         separated_by="a sudden stop of the motion: forces and pressures end before the displacement does",
     ),
-    # Clock skew: the pressures are timed by a slow clock of their own, so that they fall behind, p_m(t) = p(t − εt).
+    # Clock skew: the pressures have a separate clock that is slow, so their delay grows, p_m(t) = p(t − εt).
     #
-    # Time t runs from the start of the rig. Only the past can be delivered: a fast clock is the same as a slow one
+    # Time t begins at the start of the rig. Only past readings are possible: a fast clock is equivalent to a slow one
     # of all other channels. The rig keeps 255 steps, 0.25 s at 1 ms; beyond that the pressures fall behind no
     # further.
     Effect(
@@ -99,7 +99,7 @@ EFFECTS: Final = (
     # Sample and hold: pressures are refreshed only every T, p_m(t) = p(t − a (t mod T)); with a = 1 they are held
     # between.
     #
-    # Between 0 and 1 their age grows more slowly than time, which makes the readings smooth in a at 0.
+    # Between 0 and 1 the age of the readings grows more slowly than time, so they are smooth in a at 0.
     Effect(
         name="sample_and_hold",
         family="acquisition",
@@ -126,8 +126,8 @@ EFFECTS: Final = (
     ),
     # Quantisation: force and pressure channels have coarse converters, steps of a share of their range.
     #
-    # Readings jump with the step, so that nothing is differentiable in it: the rig can be given this effect, a
-    # diagnosis sees it as noise.
+    # Readings jump by the step, so they are not differentiable in its size. The rig can have this effect; a
+    # diagnosis treats it as noise.
     Effect(
         name="quantisation",
         family="acquisition",

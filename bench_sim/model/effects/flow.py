@@ -75,7 +75,7 @@ EFFECTS: Final = (
     #
     #     C_d ← (1 − e) C_d
     #
-    # on its side alone. With a fault it begins in the middle of a run (`astb rig fault`). Source: swarf and rubber
+    # on one side only. As a fault it begins in the middle of a run (`astb rig fault`). Source: swarf and rubber
     # crumbs in the pipe; sizes assumed.
     Effect(
         name="blocked_orifice",
@@ -95,8 +95,8 @@ EFFECTS: Final = (
     #
     #     C_d ← (1 + e) C_d out of the bellows, (1 − e) C_d into it
     #
-    # in both springs. Oscillating, the chambers part: as much mass must flow out as in, so the mean of p_b − p_a
-    # moves against e, in proportion to the square of the motion, and its even harmonics change. Source: one edge
+    # in both springs. In an oscillation as much mass must flow out as in. So the mean of p_b − p_a
+    # changes against e, in proportion to the square of the motion, and its even harmonics change. Source: one edge
     # sharp, the other rounded or burred; sizes assumed.
     Effect(
         name="asymmetric_orifice",
@@ -118,8 +118,8 @@ EFFECTS: Final = (
     #
     #     (L/A_p) dG/dt = p_b − p_a − Δp_orifice(G)
     #
-    # A_p is the bore of the connection (``pipe_diameter`` of the parameter file). Solved so that a length of any
-    # smallness needs no shorter step: `bench_sim.model.inertance`. Where a pipe is fitted, L adds to its inertance.
+    # A_p is the bore of the connection (``pipe_diameter`` of the parameter file). The solution is such that a very
+    # small length needs no shorter step: `bench_sim.model.inertance`. If a pipe is fitted, L adds to its inertance.
     # The flow lags behind the pressure; at the surge frequency, (c/2π)√((A_p/L)(1/V_b + 1/V_a)), the stiffness
     # overshoots. Source: Berg, Veh. Syst. Dyn. 33 Suppl. (1999); Docquier et al. 2007; 1.5 m of 50 mm bore assumed.
     Effect(

@@ -32,7 +32,7 @@ def _heat(par: Any, place: int | None, values: Mapping[str, float]) -> None:
 
 
 EFFECTS: Final = (
-    # A hole in a bellows: air leaves it like an orifice, choked at these pressures.
+    # A hole in a bellows: air flows out as through an orifice, which is choked at these pressures.
     #
     #     G = C ρ₀ p √(T₀/T) · iso(p_atm/p),   C = A ψ_c/(ρ₀ √(R T₀)),   ψ_c = 0.6847
     #
@@ -63,7 +63,7 @@ EFFECTS: Final = (
         separated_by="hold at two pressures, leveling valve isolated: the mass of air pV/(RT) falls all the time",
         loses_air=True,
     ),
-    # A fine crack in a bellows or its seat: air leaves it by laminar flow.
+    # A fine crack in a bellows or its seat: air flows out with laminar flow.
     #
     #     G = k (p² − p_atm²)
     #

@@ -24,7 +24,7 @@ def _emergency_compliance(par: Any, place: int | None, values: Mapping[str, floa
 EFFECTS: Final = (
     # Actuator tracking: the actuators follow their commands with another natural frequency, ω = (1+e) ω₀.
     #
-    # A replay of the measured motion starts from what the actuators did and not from their commands: it cannot show
+    # A replay uses the measured motion of the actuators and not their commands, so it cannot show
     # this.
     Effect(
         name="actuator_tracking",
@@ -66,7 +66,7 @@ EFFECTS: Final = (
     ),
     # Platen inertia: the load cells also accelerate what lies on them, F_m = F + m a_P, as the platform moves.
     #
-    # A rig that compensates it, or whose platform rests, does not show it.
+    # The effect is not visible if the rig compensates it, or if the platform does not move.
     Effect(
         name="platen_inertia",
         family="rig",
@@ -86,9 +86,9 @@ EFFECTS: Final = (
     ),
     # Cell loads: how the four upright and the two lateral load cells share what the platform carries.
     #
-    # Off the middle lengthwise, a seat or a load brings a moment about the axis across. Of four supports one that
-    # gives way, or that does not lie in the plane of the others, leaves its load to its neighbours: no sum of cells
-    # reports that.
+    # A seat or a load that is not in the middle lengthwise causes a pitching moment. If one of four supports
+    # is soft, or is not in the plane of the others, its load is carried by its neighbours: no sum of cells
+    # shows that.
     Effect(
         name="seat_offset",
         family="rig",

@@ -87,12 +87,12 @@ def _bump_stop(par: Any, place: int | None, values: Mapping[str, float]) -> None
 
 
 EFFECTS: Final = (
-    # A relaxation of the rubber that the model's branches leave out: one more Maxwell branch in the shell.
+    # A relaxation of the rubber that is not in the model's branches: one more Maxwell branch in the shell.
     #
     #     F = r k_sh q,   dq/dt = dx/dt − q/τ,   K(iω) = r k_sh iωτ/(1 + iωτ)
     #
     # vertical and lateral, in both springs, x being the bellows' displacement. Its loss per cycle at a given
-    # amplitude has one peak, at ω = 1/τ; its force does not know the pressure. Source: generalised Maxwell model of
+    # amplitude has one peak, at ω = 1/τ; the pressure has no effect. Source: generalised Maxwell model of
     # filled rubber, e.g. Lion & Kardelky, Int. J. Plasticity 20 (2004); sizes assumed.
     Effect(
         name="maxwell",
@@ -119,7 +119,7 @@ EFFECTS: Final = (
         source="generalised Maxwell model of filled rubber (Lion & Kardelky 2004); sizes assumed",
         separated_by="one amplitude at several frequencies, and hold after a step: the loss peaks at 1/(2πτ)",
     ),
-    # Two relaxations of the rubber that the model's branches leave out.
+    # Two relaxations of the rubber that are not in the model's branches.
     #
     #     K(iω) = r k_sh (s iωτ₁/(1 + iωτ₁) + (1−s) iωτ₂/(1 + iωτ₂))
     #
@@ -296,7 +296,7 @@ EFFECTS: Final = (
         source="creep of layered rubber (Freakley & Payne 1978); sizes assumed",
         separated_by="hold at AW3 for several minutes: the mass pV/(RT) stays while force and pressure drift together",
     ),
-    # A lateral stop that the model does not know: linear beyond a gap.
+    # A lateral stop that is not in the model: linear beyond a gap.
     #
     #     F_y = −k max(|y| − g, 0) sign(y),   y = y_B − y_P
     #

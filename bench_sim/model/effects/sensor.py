@@ -67,7 +67,7 @@ EFFECTS: Final = (
         source="first-order filter of a transmitter; a volume filled through a narrow tube",
         separated_by="5 to 12 Hz at small amplitude: the force keeps its phase, all pressures lag alike",
     ),
-    # Sensor gain: the sensors of one kind read too much in proportion, s_m = (1+g) s.
+    # Sensor gain: the sensors of one kind have a gain error, s_m = (1+g) s.
     Effect(
         name="force_gain",
         family="sensor",
@@ -169,7 +169,7 @@ EFFECTS: Final = (
         source="warming-up and ageing of a transmitter; assumed linear in time",
         separated_by="a long hold: the force and the auxiliary chamber do not follow; zero vented before and after",
     ),
-    # Crosstalk: the lateral load cells feel the vertical force, F_y,m = F_y + c F_z, half of it on each of the two.
+    # Crosstalk: each of the two lateral load cells also measures half of c F_z, so F_y,m = F_y + c F_z.
     Effect(
         name="crosstalk",
         family="sensor",

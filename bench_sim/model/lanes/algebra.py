@@ -80,7 +80,7 @@ def look_ahead(w: Any, ahead: float, extra: int) -> None:
 
 @compiled
 def extra_friction(w: Any, e: int) -> None:
-    """Compute force and tangent stiffness of one extra friction element at the next point of Newton's method."""
+    """Compute force and tangent stiffness of extra friction element ``e`` at the next iteration of Newton's method."""
     first = LANES * e
     for i in range(LANES):
         limit = w[EXTRA_FRICTION + first + i]

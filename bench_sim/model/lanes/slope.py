@@ -1,12 +1,12 @@
-"""The right-hand side of eight springs in lock-step (`bench_sim.model.lanes.layout`), without branches.
+"""The right-hand side of eight springs at the same time (`bench_sim.model.lanes.layout`), without branches.
 
 Theory of operation
 -------------------
 The laws are functions of numbers in `bench_sim.model.bellows`, `rubber`, `gas`, `orifice`, `valves` and `surface`, the
 same as in `bench_sim.model.air_spring`; this module provides their arguments. Every loop over the lanes becomes vector
-instructions: missing parts of a spring add 0, and r^(1/κ) of the nozzle is a polynomial, accurate to 3e-15 where the
-nozzle is not choked. The compiler unrolls a loop over `LANES` with a short body eight times and leaves it scalar; a
-loop over ``w.shape[0] // PER_LANE`` becomes vector instructions.
+instructions. For this, missing parts of a spring add 0, and r^(1/κ) of the nozzle is a polynomial, accurate to 3e-15
+if the nozzle is not choked. The compiler would write out a loop over `LANES` with a short body eight times, without
+vector instructions. A loop over ``w.shape[0] // PER_LANE`` becomes vector instructions.
 """
 
 from typing import Any, NamedTuple
@@ -34,7 +34,7 @@ from bench_sim.model.valves import leak_flow
 
 
 class ActiveTerms(NamedTuple):
-    """The terms that are active in any of the lanes; the others are skipped."""
+    """The terms that are active in at least one lane. Other terms are skipped."""
 
     extra: int  #: largest number of extra rubber branches in a lane
     frictions: int  #: largest number of extra friction elements in a lane

@@ -1,17 +1,17 @@
-"""Integrate springs between plates with a given motion, eight at a time in lock-step.
+"""Integrates springs between plates with a given motion, eight at the same time.
 
 Theory of operation
 -------------------
 In a replay the left and the right spring are independent except for the readings (`bench_sim.model.replay`), unless air
-flows between them. So each spring is one lane, for any side, run or parameter set. Its trajectory is a `TRACE`. Every
+flows between them. So each spring is one lane, of any side, run or parameter set. Its trajectory is a `TRACE`. Every
 reading follows from the trace, the motion and the parameters (`bench_sim.model.lanes.traces`). If air flows between the
 springs, both springs of a bench are integrated together (`bench_sim.model.lanes.valves`), four benches at a time.
 
 The method, its step and the actions once per step are those of the scalar replay (`bench_sim.model.runge_kutta`,
-`bench_sim.model.step_start`), which is the test oracle. Pressures agree to a thousandth of a pascal, the tolerance of
+`bench_sim.model.step_start`). Tests compare both. Pressures agree to a thousandth of a pascal, the tolerance of
 Newton's method in the scalar replay. Friction is switched lane by lane, by the same function.
 
-The stiffness of a spring is estimated from the second and the third stage of a step, which lie at one instant. The
+The stiffness of a spring is estimated from the second and the third stage of a step, which are at one instant. The
 difference of their slopes is the Jacobian times half a step times the difference of the slopes of the first two stages.
 So h |λ| is twice the ratio of both differences (Hairer and Wanner, Solving Ordinary Differential Equations II, section
 IV.2). The sums over a run weight the moving parts of the spring. A bench has 0.1 at a step of 2.5 ms.
@@ -180,7 +180,7 @@ def restore(w: Any, saved: Any, turned: Any) -> None:
 
 @compiled
 def note_flow(w: Any) -> None:
-    """Store the flows like `bench_sim.model.valves.note_flows`."""
+    """Store the steady and the missing flow of all lanes, like `bench_sim.model.valves.note_flows`."""
     for i in range(LANES):
         w[Lane.NOTED_STEADY_FLOW + i] = w[Lane.STEADY_FLOW + i]
         w[Lane.NOTED_MISSING_FLOW + i] = w[Lane.STEADY_FLOW + i] - w[Lane.FLOW + i]
@@ -253,7 +253,7 @@ def most(w: Any, row: int, count: int) -> int:
 
 @compiled
 def active_terms(w: Any, surfaces: bool, fed: bool, joined: bool) -> ActiveTerms:
-    """Return the terms that are active in at least one lane."""
+    """Return which terms are active in at least one lane."""
     extra = most(w, EXTRA_RATIO, EXTRA_BRANCHES)
     frictions = most(w, EXTRA_FRICTION, LANE_FRICTIONS)
     inert = most(w, Lane.INERTANCE, 1) > 0

@@ -119,7 +119,7 @@ def _fill_rubber(w: Any, i: int, par: Any) -> None:
 
 @compiled
 def _fill_gas(w: Any, i: int, par: Any) -> None:
-    """Write volumes, areas and heat transfer."""
+    """Write the parameters of volumes, areas and heat transfer."""
     w[Lane.V_0] = par.bellows_volume[i]
     w[Lane.A_0] = unpressed_area(par, i)
     w[Lane.A_1] = par.effective_area_slope[i]

@@ -74,7 +74,7 @@ def read_samples(
 ) -> None:
     """Write readings like `bench_sim.model.replay.replay_samples`, from the traces (rows, TRACE) of both springs.
 
-    ``readings`` (c, n) are those of ``sensors`` (c,).
+    ``readings`` (c, n) are those of the sensors with the indices ``sensors`` (c,), at n samples.
     """
     mem = memory[0]
     par = parameters[0]
@@ -120,7 +120,7 @@ def read_samples(
 
 
 def feeds(inputs: NDArray[np.float64]) -> bool:
-    """Return whether inputs (n, `INPUTS`) ever connect a spring with the supply or the atmosphere."""
+    """Return whether the inputs (n, `INPUTS`) connect a spring with the supply or the atmosphere at any time."""
     return bool(inputs[:, _FEEDING].any())
 
 

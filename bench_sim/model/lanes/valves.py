@@ -86,7 +86,7 @@ def feed(w: Any, sides: Any, memory: Any, parameters: Any) -> None:
 
 @compiled
 def join(w: Any, memory: Any, parameters: Any) -> None:
-    """Add the flow through the differential pressure valves."""
+    """Add the flow through the differential pressure valves between left and right springs."""
     for i in range(PAIRS):
         j = PAIRS + i
         T_left, T_right = w[Lane.AUXILIARY_TEMPERATURE + i], w[Lane.AUXILIARY_TEMPERATURE + j]

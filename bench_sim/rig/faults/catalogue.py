@@ -13,7 +13,7 @@ FAULTS: Final[dict[str, Fault]] = {
 
 
 def find_fault(name: str) -> Fault:
-    """Return the fault called ``name``. Raises FaultError with similar names if there is none."""
+    """Return the fault called ``name``. Raises FaultError, which suggests similar names, if there is none."""
     if name in FAULTS:
         return FAULTS[name]
     raise FaultError(

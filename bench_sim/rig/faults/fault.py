@@ -22,7 +22,7 @@ Begin = Callable[[InsertionPoints, Values], Callable[[], None]]
 
 
 class FaultError(ValueError):
-    """An unknown fault or an invalid value; the text states the correct form."""
+    """An unknown fault or an invalid value. The text states the correct form."""
 
 
 class FaultPlace(StrEnum):

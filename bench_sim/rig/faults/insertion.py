@@ -32,7 +32,7 @@ class Breakable(Protocol):
         """Switch the mains power on or off. Without mains, valves and actuators have no power."""
 
     def stall(self, duration: int) -> None:
-        """Delay the next tick by ``duration`` ns, in real time."""
+        """Delay the next tick by ``duration`` ns. This has an effect only in real time."""
 
 
 class Wire(Protocol):
