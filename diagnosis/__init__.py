@@ -1,3 +1,3 @@
-"""Comparison of measured data with a simulation: its errors, the causes that explain them, and the gain by adding
-them.
+"""Compare measured data with a simulation: find its errors, the causes that explain them, and the improvement of the
+prediction if the causes are added to the model.
 """

@@ -1,5 +1,5 @@
-"""The interface of the diagnosis: simulators, their effects, and the measured data. The engine uses nothing else of
-them.
+"""The interface of the diagnosis: simulators, their effects, and the measured data. The engine uses no other interface
+of simulators and data.
 
 Shapes: n samples, c channels, p parameters. All values are SI. Times are seconds from the start of a run.
 """
@@ -44,7 +44,7 @@ class Parameter:
 
     @property
     def difference(self) -> float:
-        """The step of a finite difference."""
+        """The step of a finite difference, in the unit of the parameter."""
         return self.step if self.step > 0.0 else 0.01 * self.spread
 
 
@@ -60,11 +60,11 @@ class Nuisance(Parameter):
 
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
-    """An effect that the base model may lack, as the diagnosis tests it.
+    """An effect that the base model may lack. The diagnosis tests each hypothesis.
 
-    ``amplitude`` is 0 if the effect is missing; its ``low`` is 0 if only one sign is physical. ``shapes`` are
-    parameters without meaning at amplitude 0, such as a time constant. The fit starts from each point of ``grid`` for
-    the shapes.
+    ``amplitude`` is 0 if the effect is missing. The ``low`` of the amplitude is 0 if only a positive amplitude is
+    physical. ``shapes`` are parameters without meaning at amplitude 0, such as a time constant. The fit starts from
+    each point of ``grid`` for the shapes.
     """
 
     name: str
@@ -103,9 +103,9 @@ class Hypothesis:
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """A term without a name: a smooth surface over two states, as a sum of basis functions.
+    """An unknown term of the model: a smooth surface over two states, as a sum of basis functions.
 
-    A simulator takes its coefficients like the parameters of an effect, under the names of ``coefficients``.
+    A simulator receives the coefficients like the parameters of an effect, under the names of ``coefficients``.
     """
 
     name: str
@@ -119,7 +119,7 @@ class Surface:
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One measured output: ``noise`` and ``resolution`` from the data sheet, in SI (0: unknown)."""
+    """One measured output. ``noise`` and ``resolution`` are from the data sheet, in SI (0: unknown)."""
 
     name: str
     unit: str
@@ -132,7 +132,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Experiment:
-    """Equidistant ``time`` (n,) and the inputs (n,) that drive the simulator, by name."""
+    """One run: equidistant ``time`` (n,), and the inputs (n,) by name that drive the simulator."""
 
     name: str
     time: Array
@@ -146,7 +146,9 @@ class Experiment:
 
     @property
     def record(self) -> str:
-        """The name of the record that this run belongs to. Runs of one record share their nuisances."""
+        """The name of the record that this run belongs to. Runs of one record have the same values of their own
+        nuisances.
+        """
         return self.source or self.name
 
     @property
@@ -219,15 +221,15 @@ Figures = Mapping[tuple[str, str], float]
 
 
 class CheckFigures(Protocol):
-    """Figures that test plans measure on the rig. The fit does not use them. ``experiments`` are these plans, as
-    planned.
+    """Computes the figures that test plans measure on the rig. The fit does not use them. ``experiments`` are the runs
+    of these plans, as planned.
     """
 
     @property
     def experiments(self) -> Sequence[Experiment]: ...
 
     def states(self, nuisance: str) -> bool:
-        """Return whether a planned experiment is free of the error that this nuisance represents."""
+        """Return whether planned experiments are free of the error that this nuisance represents."""
 
     def figures(self, experiment: Experiment, outputs: Mapping[str, Array]) -> Figures:
         """Return the figures of an experiment, computed from its ``outputs`` (n,) by channel; empty if it has none."""
@@ -238,7 +240,7 @@ Effects = Mapping[str, Mapping[str, float]]
 
 
 class Simulator(Protocol):
-    """A model that replays experiments: pure, deterministic, fixed-step, without I/O.
+    """A model that simulates experiments: deterministic, with fixed steps, without input, output or side effects.
 
     ``run`` returns the outputs (n, c) in the order of ``channels``. ``parameters`` holds nuisances by name; a missing
     one has its nominal value. Several threads may call ``run`` at once.
@@ -309,8 +311,8 @@ class CompleteSimulator:
             yield self.run(job.experiment, job.parameters, job.effects)
 
     def run_roughly(self, jobs: Sequence[Job]) -> Iterator[Array | None]:
-        """Yield approximate outputs that are used only for differences between jobs; None if the differences are not
-        accurate.
+        """Yield approximate outputs of each job; None if the simulator has no approximation. Only their differences
+        between jobs are used.
 
         The outputs may have a larger error, for example from a longer step, if neighbouring points have the same error.
         Then the difference quotients are still accurate to a few hundredths.
@@ -320,20 +322,20 @@ class CompleteSimulator:
     def sharpened(self, runs: Sequence[MeasuredRun], channels: Sequence[Channel]) -> Mapping[str, Hypothesis]:
         """Return hypotheses that replace those of the same name in the catalogue; usually none.
 
-        Use this for shapes that are too narrow for a grid and that the data show before any fit. For example, a period
-        that repeats for minutes must be known to 1 in 100 000, or the effect explains nothing. ``channels`` are those
-        of the outputs of ``runs``.
+        Use this for shapes that need a finer grid than the catalogue has, and that the data show before any fit. For
+        example, a period that repeats for minutes must be known to 1 in 100 000, or the effect explains nothing.
+        ``channels`` are those of the outputs of ``runs``.
         """
         return {}
 
     def counted(self, experiment: Experiment, outputs: Array) -> NDArray[np.bool_]:
-        """Return a mask of the samples (n, c) of a planned experiment that would count in a record with these
-        ``outputs``.
+        """Return a mask (n, c) for a planned experiment with these ``outputs``: True for the samples that the diagnosis
+        would use in a record.
         """
         return np.ones(outputs.shape, np.bool_)
 
     def parity(self, experiment: Experiment, outputs: Array) -> Mapping[str, Array]:
-        """Return signals (n,), computed from the outputs (n, c), that only one subsystem can change. NaN where an
-        output is NaN.
+        """Return signals (n,) that only one subsystem can change, computed from the outputs (n, c). A signal is NaN
+        where an output is NaN.
         """
         return {}

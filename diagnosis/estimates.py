@@ -1,4 +1,4 @@
-"""Numbers of a finding: fitted values in display units, and floats for JSON."""
+"""Conversion of numbers for a finding: fitted values in display units, and floats for JSON."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Z95: Final = 1.959963984540054
 
 
 def decimals(low: float, high: float) -> int:
-    """Return the number of decimals that gives the half width of an interval two significant digits."""
+    """Return the number of decimals that shows the half width of an interval with two significant digits."""
     width = (high - low) / 2.0
     return max(1 - math.floor(math.log10(width)), 0) if width > 0.0 else 6
 
@@ -25,16 +25,18 @@ def number(value: float) -> float | None:
 
 
 def in_words(name: str, owner: str = "") -> str:
-    """Return the name of a parameter as text: ``left.initial_pressure`` as "initial pressure of left".
+    """Return the name of a parameter as text: ``left.initial_pressure`` becomes "initial pressure of left".
 
-    ``owner`` is the title of its effect.
+    ``owner`` is the title of the effect that the parameter belongs to.
     """
     place, _, what = name.rpartition(".")
     return " of ".join(one for one in (what.replace("_", " "), place, owner) if one)
 
 
 def with_unit(value: float, unit: str, digits: int) -> str:
-    """Return a number with ``digits`` digits; a power of ten is used only from one million on."""
+    """Return a number with ``digits`` significant digits and its unit. A power of ten is used only from one
+    million on.
+    """
     text = f"{value:.{digits}g}"
     if "e+" in text and abs(value) < 1e6:
         text = f"{float(text):.0f}"
@@ -47,7 +49,7 @@ def numbers(values: Iterable[float], digits: int = 5) -> list[float | None]:
 
 
 def percent(part: float, digits: int = 2) -> str:
-    """Return a part of 1 as a percentage with ``digits`` significant digits, never as a power of ten."""
+    """Return a fraction as a percentage with ``digits`` significant digits, never as a power of ten."""
     value = 100.0 * part
     return "less than 0.01 %" if 0.0 < value < 0.01 else f"{float(f'{value:.{digits}g}'):.12g} %"
 
@@ -57,8 +59,9 @@ def estimate(
 ) -> Estimate:
     """Return a fitted parameter in display units.
 
-    ``value`` and the ``ends`` of its 95 % interval are in SI. ``sd`` is in SI too, or that of the logarithm for a
-    ``logarithmic`` parameter, whose interval is asymmetric without ``ends``. No interval exceeds the range.
+    ``value`` and the ``ends`` of its 95 % interval are in SI. ``sd`` is in SI too; for a ``logarithmic`` parameter it
+    is that of the logarithm. Without ``ends`` the interval follows from ``sd``; it is asymmetric for a logarithmic
+    parameter. The interval is limited to the range of the parameter.
     """
     if ends is None and parameter.logarithmic:
         ends = value * math.exp(min(-Z95 * sd, 0.0)), value * math.exp(min(Z95 * sd, 700.0))

@@ -51,11 +51,11 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
 class Cause(msgspec.Struct, frozen=True, kw_only=True):
     """A named effect that explains an error of the base model.
 
-    ``strength`` is λ, the norm of its footprint in standard deviations of the noise after a refit of the base model;
-    ``score`` is z. ``bic_gain`` (fit runs) and ``lpd_gain`` (log predictive density of the select runs) are the gains
-    of the model by the effect; ``gained`` is the removed part of the explainable squared error on unseen runs, over all
-    channels. If there are ``laws``, only the ``phenomenon`` is claimed, and the cause is its simplest sufficient law.
-    ``status`` is *named*, or *suspected* if it improves the prediction of no unseen run.
+    ``strength`` is λ, the norm of its footprint in standard deviations of the noise after a refit of the base model.
+    ``score`` is z. ``bic_gain`` (fit runs) and ``lpd_gain`` (log predictive density of the select runs) state how much
+    the effect improves the model. ``gained`` is the part of the explainable squared error that it removes on unseen
+    runs, over all channels. If there are ``laws``, only the ``phenomenon`` is certain; the cause is then its simplest
+    sufficient law. ``status`` is *named*, or *suspected* if it does not improve the prediction of any unseen run.
     """
 
     effect: str
@@ -77,9 +77,10 @@ class Cause(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Rival(msgspec.Struct, frozen=True, kw_only=True):
-    """An effect that explains the data as well as a cause: BIC of the rival minus that of the cause, below 10.
+    """An effect that explains the data as well as a cause. ``bic_gap`` is its BIC minus that of the cause, usually
+    below 10.
 
-    The difference may exceed 10 if the model error exceeds the noise and the rival predicts unseen runs equally well.
+    The gap may exceed 10 if the model error exceeds the noise and the rival predicts unseen runs equally well.
     """
 
     effect: str
@@ -92,9 +93,9 @@ class Rival(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Suspect(msgspec.Struct, frozen=True, kw_only=True):
-    """A likely candidate if no cause is named. ``why`` completes "it is a candidate, but …".
+    """A likely candidate if no cause is named. ``why`` completes the sentence "it is a candidate, but …".
 
-    ``strength`` is its λ in the model from which it was removed; null if it was in none.
+    ``strength`` is λ in the model from which the effect was removed; null if it was never in a model.
     """
 
     effect: str
@@ -122,11 +123,11 @@ class Score(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Gain(msgspec.Struct, frozen=True, kw_only=True):
-    """The gain of the extended model in one channel on the report runs, both models as fitted; ``channel`` may be
+    """The improvement by the extended model in one channel on the report runs, without another fit. ``channel`` may be
     "all".
 
-    ``floor`` is the noise alone, ``noise_ratio`` the RMSE after over the floor. ``fraction`` is the explained part of
-    the explainable misfit, (RMSE0² − RMSE1²)/(RMSE0² − floor²), with its 95 % interval.
+    ``floor`` is the RMS of the noise alone, ``noise_ratio`` the RMSE after over the floor. ``fraction`` is the removed
+    part of the explainable error, (RMSE0² − RMSE1²)/(RMSE0² − floor²), with its 95 % interval.
     """
 
     channel: str
@@ -144,12 +145,13 @@ class Gain(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def reduction(self) -> float | None:
-        """The relative reduction of the explainable error as a root: 0.84 for a ``fraction`` of 0.97."""
+        """The relative reduction of the explainable error (RMS instead of squares): 0.84 for a ``fraction`` of 0.97."""
         return None if self.fraction is None else 1.0 - math.sqrt(1.0 - min(self.fraction, 1.0))
 
 
 class CheckPrediction(msgspec.Struct, frozen=True, kw_only=True):
-    """A figure of a check, predicted by the stock, tuned and extended models, and measured in an unseen run.
+    """A figure of a test plan: predicted by the stock, tuned and extended models, and measured if an unseen run
+    contains it.
 
     The ``stock`` model has its nominal parameters, the ``tuned`` one is the best base model. ``uncertainty`` is half of
     the 95 % interval of ``extended``. Without a ``run`` the figure is for a planned experiment.
@@ -173,7 +175,9 @@ class CheckPrediction(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Coverage(msgspec.Struct, frozen=True, kw_only=True):
-    """The share of samples of the report runs within the noise around the prediction, at a nominal level."""
+    """The share of samples of the report runs whose error is within the noise band of a nominal ``level``, before and
+    after.
+    """
 
     level: float
     before: float | None
@@ -181,9 +185,10 @@ class Coverage(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Trace(msgspec.Struct, frozen=True, kw_only=True):
-    """Measured and predicted values, before and after, in one channel of a report run.
+    """Measured values, and the values predicted before and after, in one channel of a report run.
 
-    ``times`` to ``after`` show a few seconds in detail; ``error_times`` to ``error_after`` the extremes of all errors.
+    ``times`` to ``after`` show a few seconds in detail. ``error_times`` to ``error_after`` show the extremes of the
+    error over the whole run.
     """
 
     run: str
@@ -235,7 +240,7 @@ class Confusability(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class NextRun(msgspec.Struct, frozen=True, kw_only=True):
-    """A possible run of the rig, and how well it separates the rivals: predicted BIC gap, and gap per minute."""
+    """A run that the rig could do, and how well it separates the rivals: predicted BIC gap, and gap per minute."""
 
     experiment: str
     minutes: float
@@ -245,7 +250,7 @@ class NextRun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class NextSensor(msgspec.Struct, frozen=True, kw_only=True):
-    """A calibration that would separate rivals which no run separates: its parameter, and the resulting BIC gap."""
+    """A parameter whose calibration would separate rivals, and the BIC gap that results from it."""
 
     name: str
     bic_gap: float | None
@@ -253,9 +258,10 @@ class NextSensor(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Shift(msgspec.Struct, frozen=True, kw_only=True):
-    """A parameter of the base model, fitted without and with the causes.
+    """A parameter of the base model, fitted without the causes (``before``) and with them (``after``).
 
-    ``sigmas`` is the shift in standard deviations of the fit without them, and so shows how wrong that uncertainty was.
+    ``sigmas`` is the shift in standard deviations of the fit without the causes. It shows how wrong that uncertainty
+    was.
     """
 
     name: str
@@ -269,10 +275,11 @@ class Shift(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Imitation(msgspec.Struct, frozen=True, kw_only=True):
-    """A parameter of the base model that imitates a missing cause: near its prior with the causes, far from it without.
+    """A parameter of the base model that imitates a missing cause: near its prior with the causes, far from it without
+    them.
 
-    ``expected`` and ``sd`` are its prior; ``sigmas`` and ``sigmas_after`` are the distances from it, in its standard
-    deviations, of the fitted values ``before`` (without the causes) and ``after`` (with them).
+    ``expected`` and ``sd`` describe the prior. ``before`` and ``after`` are the values fitted without and with the
+    causes. ``sigmas`` and ``sigmas_after`` are their distances from ``expected`` in units of ``sd``.
     """
 
     name: str
@@ -296,7 +303,7 @@ class Summary(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Series(msgspec.Struct, frozen=True, kw_only=True):
-    """Points of a figure; ``z`` gives each of them a third value."""
+    """Points of a figure: ``x``, ``y``, and ``z`` for a map."""
 
     name: str
     x: list[float | None]
@@ -317,10 +324,10 @@ class Figure(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PanelRow(msgspec.Struct, frozen=True, kw_only=True):
-    """One test on the errors of the base model: it shows an error and its place, without a cause.
+    """One test of the errors of the base model. It shows an error and its place, but no cause.
 
-    ``p`` is the probability of an equally large statistic if the model is right, ``q`` the same after Benjamini and
-    Hochberg over the whole panel. A test that does not apply has a reason instead.
+    ``p`` is the probability of an equally large statistic if the model is right; ``q`` is p corrected for all tests of
+    the panel (Benjamini and Hochberg). If a test does not apply, ``sentence`` states the reason.
     """
 
     test: str
@@ -356,8 +363,8 @@ class Nearest(msgspec.Struct, frozen=True, kw_only=True):
 class Unknown(msgspec.Struct, frozen=True, kw_only=True):
     """A term without a name, fitted as a surface because no named effect explains the residual.
 
-    It is no cause and is valid only inside the covered range. ``kept`` is True if it improves the prediction of the
-    select runs.
+    It is no cause, and is valid only inside the range that the runs covered. ``kept`` is True if it improves the
+    prediction of the select runs.
     """
 
     surface: str
@@ -374,7 +381,7 @@ class Unknown(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Models(msgspec.Struct, frozen=True, kw_only=True):
-    """Both models with SI values: shared parameters, those of each run, and the effects.
+    """The models before and after, with SI values: parameters that all runs share, parameters of each run, and effects.
 
     Report runs are among the runs. Parts of one record are one run, under the name of the record.
     """
@@ -402,13 +409,13 @@ class Provenance(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True):
-    """All results of a diagnosis; ``quality`` holds the results of the data checks.
+    """All results of a diagnosis. ``quality`` holds the results of the data checks.
 
     ``suspects`` are the best candidates if no cause is named. By chance the largest score exceeds ``threshold`` with
-    probability ``alpha``. ``remains`` are sentences on unexplained errors; ``doubts``, printed before the verdict, on
-    data or priors that cannot be right; ``readings`` on the files. ``imitations``, the largest first, are parameters by
-    which the base model imitates the causes. ``checks`` are predicted figures of plans. ``summary`` is None in findings
-    of earlier versions.
+    probability ``alpha``. ``remains``, ``doubts`` and ``readings`` are sentences: on unexplained errors; on data or
+    priors that cannot be right (printed before the verdict); on how files were read. ``imitations``, the largest first,
+    are parameters by which the base model imitates the causes. ``checks`` are predicted figures of plans. ``summary``
+    is None in findings of earlier versions.
     """
 
     verdict: Verdict
@@ -464,11 +471,11 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def first_screen(self) -> Summary:
-        """The summary; for findings of earlier versions it is made from ``sentence``."""
+        """The summary. Findings of earlier versions have none; for these it holds only ``sentence``."""
         return self.summary or Summary(wrong=self.sentence, sure="", evidence="", next="")
 
     def to_json(self) -> bytes:
-        """Return the finding as indented JSON, with the same bytes for the same finding."""
+        """Return the finding as indented JSON. Equal findings give equal bytes."""
         return msgspec.json.format(msgspec.json.encode(self), indent=1) + b"\n"
 
     @staticmethod

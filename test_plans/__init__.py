@@ -1,1 +1,1 @@
-"""The test plans of the bench and their building blocks; `test_plans.discovery` finds the plans."""
+"""The test plans of the bench and their building blocks. `test_plans.discovery` finds the plans."""

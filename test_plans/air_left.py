@@ -1,4 +1,6 @@
-"""Texts on the air left in the springs: the pressures, the reaction of the bench, and the instruction for a person."""
+"""Texts on air that may be left in the springs: the pressures, what the bench does with the air, and the instruction
+for a person.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +41,9 @@ _ALONE: Final = ", until it detects the loss of its commander: then it vents the
 
 @dataclass(frozen=True, slots=True)
 class _AirState:
-    """Present data: pressures (Pa) by side and name, reasons for missing pressures, and the state of the bench."""
+    """What is known at present: pressures (Pa) by side and name, reasons for missing pressures, and the state of the
+    bench.
+    """
 
     pressures: dict[str, dict[str, float]]
     silent: list[str]
@@ -53,10 +57,11 @@ def springs_are_empty(bench: Bench) -> bool:
 
 
 def zeros_off(bench: Bench) -> str:
-    """Return a text on pressure transducers with a zero error: of two joined chambers only one reads a pressure.
+    """Return a text on pressure transducers with a zero error: of two joined chambers only one reads a pressure; "" if
+    there are none.
 
-    Joined chambers have the same pressure only at rest. The result is "" while air flows, or if the readings agree.
-    Waits for `WATCHED` if two readings differ.
+    Joined chambers have the same pressure only at rest. So if two readings differ, the function waits for `WATCHED`,
+    and returns "" if air flows.
     """
     before = _read_state(bench)
     if not _contradictions(before):
@@ -71,8 +76,8 @@ def zeros_off(bench: Bench) -> str:
 
 
 def _contradictions(known: _AirState) -> str:
-    """Return a text on the pressures of joined chambers that differ by more than the tolerance of two intact
-    transducers.
+    """Return a text on pressures of joined chambers that differ by more than two intact transducers can; "" if there
+    are none.
     """
     found = []
     for of_side in known.pressures.values():
@@ -102,7 +107,7 @@ def air_left(bench: Bench) -> str:
 
 
 def air_at_risk(bench: Bench) -> str:
-    """Return `air_left` if the pressure of the springs is measured and not known to be zero, else ""."""
+    """Return the text of `air_left` if a pressure of the springs is measured and not known to be zero; otherwise ""."""
     measured = any(_names(bench).values())
     return air_left(bench) if measured and not springs_are_empty(bench) else ""
 
@@ -127,13 +132,15 @@ def _sides(known: _AirState) -> str:
 
 
 def _names(bench: Bench) -> dict[str, list[str]]:
-    """Return the pressures of each side that this rig measures."""
+    """Return for each side the names of the pressure signals that this rig measures."""
     names = {side: [f"{side}.{chamber}_pressure" for chamber in CHAMBERS] for side in SIDES}
     return {side: [name for name in of_side if not bench.lacks(name)] for side, of_side in names.items()}
 
 
 def _read_state(bench: Bench) -> _AirState:
-    """Return the received readings that are not stale; if their connection is lost, query the rig instead."""
+    """Return the received readings that are not stale. If the connection that brings them is lost, query the rig
+    instead.
+    """
     names = _names(bench)
     values, reasons = _polled(bench, names) if bench.lost else _received(bench, names)
     pressures = {

@@ -1,4 +1,4 @@
-"""Questions of a run to its operator, with a timeout; the bench is still commanded during the wait."""
+"""Questions of a run to its operator, with a time limit. The bench is still commanded during the wait."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LOOK: Final = round(20 * ms * NS)
 
 
 class Asking(Protocol):
-    """Interface of a run that asks questions."""
+    """What a run must offer so that it can ask questions."""
 
     bench: Bench
     operator: Operator
@@ -28,24 +28,24 @@ class Asking(Protocol):
         """The time of the bench's clock (ns)."""
 
     def keep(self, kind: str, text: str, **data: Any) -> None:
-        """Write an event to the record."""
+        """Write an event of a ``kind`` to the record."""
 
     def follow(self, text: str) -> None:
         """Send a note to the watcher."""
 
 
 class Aborted(Exception):
-    """The operator ended the run, or did not answer and may be at work on the rig."""
+    """Raised if the operator ended the run, or did not answer and may be at work on the rig."""
 
 
 class NotInTime(Unanswered):
-    """The operator did not answer in time."""
+    """Raised if the operator did not answer in time."""
 
 
 def answer_to(run: Asking, question: Question) -> Answer:
-    """Ask the operator and wait for the answer.
+    """Ask the operator, and return the answer. Question and answer are recorded.
 
-    Unanswered without an operator, NotInTime after the timeout, Aborted if the operator ends the run.
+    Raises Unanswered without an operator, NotInTime after the time limit, and Aborted if the operator ends the run.
     """
     run.keep("prompt", question.text, answers=list(question.answers), within=question.within)
     run.follow(f"asked: {question.text}")
@@ -78,10 +78,11 @@ def _ask_and_wait(run: Asking, question: Question) -> Answer:
 
 
 def wait_for_somebody(run: Asking, condition: Callable[[], bool], within: float, what: str) -> bool:
-    """Wait for a ``condition`` that depends on a person; return whether it was met ``within`` the timeout (s).
+    """Wait for a ``condition`` that depends on a person. Return whether it was met within the time limit ``within``
+    (s).
 
     In real time the bench is commanded and monitored during the wait: RigFault and LinkLost are raised at once. In
-    virtual time the rig is paused, and the timeout counts real time.
+    virtual time the rig is paused, and the time limit counts real time.
     """
     if not isinstance(run.bench.clock, VirtualClock):
         try:

@@ -9,7 +9,8 @@ _PLACE: Final = re.compile(r"\{(\w+)(?::\w+)?\}")
 
 
 class CheckName(str):
-    """The name of a check with one sentence ``about`` it; `of` fills its ``{places}``, if any.
+    """The name of a check, with one sentence ``about`` it. The name may contain placeholders such as ``{side}``; `of`
+    fills them.
 
     ``requirement`` is the clause of a standard, or the number of a requirement, that the check verifies.
     """
@@ -23,12 +24,14 @@ class CheckName(str):
         return made
 
     def of(self, ending: str = "", **places: object) -> CheckName:
-        """Return the name with its places filled, and with an ``ending``; the sentence stays the same."""
+        """Return the name with its placeholders filled, and with an ``ending``. Sentence and requirement stay
+        the same.
+        """
         return CheckName(self.format(**places) + ending, self.about, requirement=self.requirement)
 
     @property
     def shown(self) -> str:
-        """The name for a list of the checks of a plan: ``<side> valve, dead band``."""
+        """The name for a list of checks, with its placeholders in angle brackets: ``<side> valve, dead band``."""
         return _PLACE.sub(r"<\1>", self)
 
 

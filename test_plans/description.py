@@ -19,9 +19,9 @@ _Follows = TypeVar("_Follows", bound=Callable[..., Any])
 
 
 class Description(Mapping[str, float]):
-    """The dimensions of a rig (SI), by the names of `bench_protocol.dimensions`; they do not change.
+    """The dimensions of a rig (SI) by the names of `bench_protocol.dimensions`. They do not change.
 
-    Raises NotAvailable, with its name, for a dimension that is not stated: there are no defaults.
+    A dimension that is not stated has no default: reading it raises NotAvailable, with its name.
     """
 
     __slots__ = ("dimensions", "known", "rig")
@@ -51,7 +51,7 @@ class Description(Mapping[str, float]):
         return self.dimensions.known.get(name)
 
     def lacks(self, *names: str) -> str:
-        """Return a text with the dimensions among ``names`` that are not stated; "" if all are."""
+        """Return a text that lists the dimensions among ``names`` that are not stated; "" if all are stated."""
         missing = [name for name in dict.fromkeys(names) if name not in self.dimensions.known]
         if not missing:
             return ""
@@ -60,8 +60,8 @@ class Description(Mapping[str, float]):
 
 
 def once_for_a_rig(follows: _Follows) -> _Follows:
-    """Cache the results for a `Description` and hashable arguments; compute them again for other mappings, which can
-    change.
+    """Decorator: cache the results of a function of a rig and hashable arguments. Only results for a `Description` are
+    cached, because other mappings can change.
     """
 
     @wraps(follows)
@@ -88,7 +88,7 @@ def lag_of(rig: Mapping[str, float], *signals: str) -> float:
 
 
 def lags(signals: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of the lags of some signals, for the needs of a plan."""
+    """Return the names of the dimensions that state the lags of some signals, for the ``needs`` of a plan."""
     return tuple(lag(one) for one in signals)
 
 
@@ -99,7 +99,7 @@ def ours() -> Description:
 
 
 def stamps_of(bench: Bench) -> dict[str, Stamp]:
-    """Return the stamp of each measurement whose clock is known."""
+    """Return the time stamp of each measured signal whose clock is known, by signal."""
     wiring = getattr(bench, "wiring", None)
     if wiring is None:
         return {}
@@ -108,5 +108,7 @@ def stamps_of(bench: Bench) -> dict[str, Stamp]:
 
 
 def clocks(bench: Bench) -> dict[str, str]:
-    """Return the entries of a record on the clocks, by transport and message: the owner and the error limit of each."""
+    """Return the entries of a record on the clocks, by transport and message: the owner of each clock and its error
+    limit.
+    """
     return {one.shared: f"{one.clock}, within {one.within * 1e6:g} µs" for one in stamps_of(bench).values()}

@@ -1,6 +1,6 @@
-"""Search for the test plans by name: in `plans`, in installed packages, and in a folder of the user.
+"""Search for the test plans by name: in `test_plans.plans`, in installed packages, and in a folder of the user.
 
-A file that cannot be used affects its own plans only; `unusable` lists such files with the reasons.
+A file that cannot be used affects only its own plans; `unusable` lists such files with the reasons.
 """
 
 import os
@@ -46,20 +46,22 @@ def unusable() -> list[str]:
 
 
 def unknown(name: str, otherwise: str = "") -> str:
-    """Return a message that there is no plan ``name``, with similar names and unusable plans. See `did_you_mean`."""
+    """Return a message that there is no plan ``name``. It lists similar names (`did_you_mean`) and unusable plans."""
     return "; ".join([f"there is no plan {name!r}", did_you_mean(name, plans(), otherwise), *unusable()])
 
 
 @cache
 def find_all() -> Found:
-    """Search all places for plans."""
+    """Search all places for plans, and return the result. It is cached."""
     wrong: list[str] = []
     found = by_name(_modules(wrong))
     return Found(found.plans, wrong + found.unusable)
 
 
 def by_name(modules: Iterable[ModuleType]) -> Found:
-    """Return the plans that ``modules`` declare; of two plans with the same name, the first."""
+    """Return the plans that ``modules`` declare. If two plans have the same name, the first is used and the other is
+    reported.
+    """
     found: dict[str, tuple[Plan, str]] = {}
     wrong = []
     for module in modules:
@@ -89,7 +91,7 @@ def in_file(path: Path) -> dict[str, Plan]:
 
 
 def declared(module: ModuleType) -> Iterator[Plan]:
-    """Yield the plans at the top level of ``module``, single or in a tuple."""
+    """Yield the plans at the top level of ``module``. A variable there may hold a plan or a tuple of plans."""
     for value in vars(module).values():
         for one in value if isinstance(value, tuple) else (value,):
             if isinstance(one, Plan):
@@ -97,7 +99,7 @@ def declared(module: ModuleType) -> Iterator[Plan]:
 
 
 def _modules(wrong: list[str]) -> Iterator[ModuleType]:
-    """Yield all modules with plans; append the reason to ``wrong`` for each that cannot be imported."""
+    """Yield all modules with plans. For each module that cannot be imported, append the reason to ``wrong``."""
     names = [f"{inside.__name__}.{module.name}" for module in iter_modules(inside.__path__)]
     for name in (*names, *(entry.module for entry in entry_points(group=GROUP))):
         try:
@@ -115,7 +117,7 @@ def _modules(wrong: list[str]) -> Iterator[ModuleType]:
 
 
 def _module_of(path: Path) -> ModuleType:
-    """Return the module of a Python file outside packages; the file is run once."""
+    """Return the module of a Python file that belongs to no package. The file is run only once. Raises PlanError."""
     name = f"{_OWN}{path.resolve()}"
     if name in sys.modules:
         return sys.modules[name]

@@ -12,7 +12,9 @@ TRACK: Final = "track"
 
 
 class Driven(NamedTuple):
-    """A wave, or an octave of a track, under amplitude control; amplitudes in m or rad, of a track rms."""
+    """A wave, or an octave of a track, under amplitude control. Amplitudes are in m or rad; those of a track are rms
+    values.
+    """
 
     axis: str
     wave: str
@@ -25,7 +27,7 @@ class Driven(NamedTuple):
 
     @property
     def title(self) -> str:
-        """The group of its curves."""
+        """The title of the group that its curves belong to."""
         of = f" of {self.target / mm:g} mm" if self.wave != TRACK else ", rms in octaves"
         return f"Amplitude control: {self.axis} {self.wave}{of}"
 

@@ -58,7 +58,7 @@ _OPERATOR: Final = "the operator"
 
 
 class NotReady(Exception):
-    """A precondition of a plan is not met."""
+    """Raised if a precondition of a plan is not met."""
 
 
 def execute(
@@ -77,8 +77,8 @@ def execute(
 ) -> Result:
     """Run ``plan`` on a connected ``bench`` and write record, ``result.json`` and ``junit.xml`` to ``directory``.
 
-    Without a ``specimen`` the default one is used. Without an ``operator`` the actions that a simulated rig offers are
-    used. Computed values have an uncertainty if the instruments of the bench are known.
+    Without a ``specimen`` the default one is used. Without an ``operator`` a simulated rig performs the manual actions
+    that it offers. Computed values have an uncertainty if the instruments of the bench are known.
 
     The verdict is *fail* if the product exceeded a limit, and *blocked* if rig, link, plan or operator prevented the
     judgement. Tear-down runs in every case; the reason lists its errors after the earlier ones. KeyboardInterrupt is
@@ -122,7 +122,9 @@ def _carried_out(
     stops: Interruptions,
     facts: Mapping[str, Any],
 ) -> tuple[Result, str | None]:
-    """Execute ``plan`` and write the result; return it, and the text on the air in the springs if it was stopped."""
+    """Execute ``plan`` and write the result. Return it, and the text on the air in the springs if the operator stopped
+    the run.
+    """
     bench = run.bench
     before, known = lateness(bench), last_incident(bench)
     with _recorded(run, recording):
@@ -148,7 +150,7 @@ def _carried_out(
 
 
 def blocked_by_the_link(result: Result) -> bool:
-    """Return whether the link to the rig blocked a run."""
+    """Return whether a run was blocked because of the link to the rig."""
     parts = result.reason.partition("; then ")[0].split("; ")
     return any(part.startswith(f"{WHOSE['link']}: ") for part in parts)
 
@@ -173,7 +175,7 @@ def _clocks(bench: Bench) -> dict[str, Any]:
 
 
 def _concluded(run: Run, plan: Plan, reason: str, **rest: Any) -> Result:
-    """Return the result of a run that has ended."""
+    """Return the result of a run that has ended. ``reason`` states why the product could not be judged."""
     return conclude(
         plan.name,
         plan.title,
@@ -191,9 +193,10 @@ def _concluded(run: Run, plan: Plan, reason: str, **rest: Any) -> Result:
 
 
 def _perform(run: Run, plan: Plan, stops: Interruptions) -> tuple[str, str, bool]:
-    """Run the parts of a plan; return the errors before and in tear-down, and whether the operator stopped it.
+    """Run the parts of a plan. Return the error before tear-down, the error in tear-down, and whether the operator
+    stopped the run.
 
-    Nothing is moved if the rig lacks a need of the plan, or the code of the plan has an error.
+    Nothing is moved if the rig lacks a need of the plan, or if the code of the plan has an error.
     """
     if lacking := run.lacks(*plan.needs):
         trouble = f"{WHOSE['rig']}: {lacking}; {plan.name} cannot run without it"
@@ -219,7 +222,10 @@ def _perform(run: Run, plan: Plan, stops: Interruptions) -> tuple[str, str, bool
 
 
 def _require(plan: Plan, run: Run) -> None:
-    """Check the preconditions of ``plan``. Raises NotReady, with the remedy, if one is not met."""
+    """Check the preconditions of ``plan``. Raises NotReady, with the remedy, if one is not met.
+
+    The bench is armed for a moment if a precondition can be checked only then.
+    """
     unmet = [text for one in plan.requires if not one.armed for text in _unmet(run, one)]
     if not unmet and (armed := [one for one in plan.requires if one.armed]):
         try:
@@ -235,7 +241,9 @@ def _require(plan: Plan, run: Run) -> None:
 
 
 def _unmet(run: Run, one: Precondition) -> list[str]:
-    """Check a precondition and record the state found; return a text if the plan must not begin."""
+    """Check a precondition, and record the state found. Return a list with a text if the plan must not begin; otherwise
+    it is empty.
+    """
     found = one.look(run)
     condition = Condition(one.text, found.met, found.found)
     run.preconditions.append(condition)
@@ -259,7 +267,9 @@ def _written(result: Result, incident: Incident | None, directory: Path) -> Resu
 
 
 def _refused(result: Result, incident: Incident | None, directory: Path) -> str:
-    """Write the files of a run other than its record; return the errors of those that cannot be written."""
+    """Write all files of a run except its record. Return the errors of files that cannot be written; "" if there are
+    none.
+    """
     lost: list[str] = []
 
     def attempt(name: str, write: Callable[[], object]) -> None:
@@ -279,7 +289,9 @@ def _refused(result: Result, incident: Incident | None, directory: Path) -> str:
 
 @contextmanager
 def _recorded(run: Run, recording: Recording) -> Iterator[None]:
-    """Record all received data and settings during the block, the settings in force first."""
+    """During the block, record all received data and all changes of settings. The present settings are recorded
+    first.
+    """
     bench = run.bench
     bench.receiver.sink, bench.receiver.failure, bench.receiver.needed = recording.take, None, True
     bench.settings.applied = lambda values: keep_settings(run, values)
@@ -296,10 +308,10 @@ def _recorded(run: Run, recording: Recording) -> Iterator[None]:
 
 
 def _reason(run: Run, first: str, last: str, *more: str) -> str:
-    """Return the reason why the product could not be judged, "" if it could.
+    """Return the reason why the product could not be judged; "" if it could.
 
-    ``first`` is the error before tear-down, ``last`` the error in it. ``more`` is additional information: the air in
-    the springs, and other clients that tried to command the bench. Instructions for a person come first.
+    ``first`` is the error before tear-down, ``last`` the error in tear-down. ``more`` is additional information: the
+    air in the springs, and other clients that tried to command the bench. Instructions for a person come first.
     """
     if not first and conclude("", "", "", run.checks).verdict is Outcome.FAIL:
         return ""  # it was judged and failed; later errors of the bench are among the events
@@ -313,7 +325,9 @@ def _reason(run: Run, first: str, last: str, *more: str) -> str:
 def _attempt(
     run: Run, stops: Interruptions, plan: Plan, name: str, part: Callable[[Run], None]
 ) -> tuple[str, bool]:
-    """Run one part; return the error with its origin, and whether the operator stopped the run."""
+    """Run one part of a plan. Return the error with its origin ("" without one), and whether the operator stopped the
+    run.
+    """
     interrupted, stopped = False, f"stopped by {_OPERATOR}"
     run.to_come = {"tear-down": (), "main": (plan.teardown,)}.get(name, (plan.main, plan.teardown))
     try:
@@ -349,7 +363,9 @@ def _attempt(
 
 
 def _hidden(error: BaseException) -> str:
-    """Return the earlier errors of a tear-down: each step runs even if the previous one failed."""
+    """Return the earlier errors of a tear-down as text. There may be several, because each step runs even if the
+    previous one failed.
+    """
     texts: list[str] = []
     before = error.__context__
     while before is not None:
@@ -360,8 +376,8 @@ def _hidden(error: BaseException) -> str:
 
 
 def _silent(bench: Bench) -> str:
-    """Return a text with the measurements that have no value; an array of samples does not state the name of its
-    signal.
+    """Return a text that names the measurements without a value. An error about samples does not name its signal, so
+    all are checked.
     """
     silent = [
         signal.name
@@ -374,7 +390,7 @@ def _silent(bench: Bench) -> str:
 
 
 def _place(error: BaseException, plan: Plan) -> str:
-    """Return the innermost line of ``plan``'s file in the traceback of ``error``; otherwise that of this package."""
+    """Return file and line of an error: the innermost line in the file of ``plan``, otherwise in this package."""
     frames = traceback.extract_tb(error.__traceback__)
     own = getattr(sys.modules.get(plan.main.__module__), "__file__", None)
     machinery = [Path(__file__).with_name(f"{name}.py") for name in ("execution", "plan", "run")]

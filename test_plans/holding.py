@@ -1,4 +1,4 @@
-"""Search of a plan's code for hold points, because a plan is a program without a list of them."""
+"""Search of a plan's code for hold points. A plan is a program, so there is no list of them."""
 
 import dis
 import sys
@@ -22,7 +22,8 @@ _FOREIGN: Final = sys.stdlib_module_names | {"bench_protocol", "bench_records", 
 
 
 def can_be_held(plan: Any) -> bool:
-    """Return whether a part of the `test_plans.plan.Plan`, or a function that the part names, has a hold point.
+    """Return whether a plan (`test_plans.plan.Plan`) has a hold point, in one of its parts or in a function that a part
+    uses.
 
     Depending on its parameters, a run may not reach that point.
     """
@@ -30,7 +31,7 @@ def can_be_held(plan: Any) -> bool:
 
 
 def can_still_be_held(frame: FrameType | None, to_come: Iterable[Any]) -> bool:
-    """Return whether a run may reach a hold point after ``frame``, one of its frames, or in the parts ``to_come``.
+    """Return whether a run may still reach a hold point: after its present ``frame``, or in the parts ``to_come``.
 
     Searches the code that this frame and its callers, up to `test_plans.execution`, can still reach.
     """
@@ -53,7 +54,7 @@ def can_still_be_held(frame: FrameType | None, to_come: Iterable[Any]) -> bool:
 
 @lru_cache(maxsize=1024)
 def _ahead(code: CodeType, last: int) -> frozenset[str]:
-    """Return the names in the instructions that can be reached after the instruction at offset ``last``."""
+    """Return the names used by the instructions that may run after the instruction at offset ``last``."""
     body = dis.Bytecode(code)
     instructions = list(body)
     places = {one.offset: k for k, one in enumerate(instructions)}
@@ -84,7 +85,7 @@ def _ahead(code: CodeType, last: int) -> frozenset[str]:
 
 
 def _has_place(waiting: list[Any]) -> bool:
-    """Return whether one of these functions, or one that they name, has a hold point."""
+    """Return whether one of the functions in ``waiting``, or a function that they use, has a hold point."""
     seen: set[int] = set()
     while waiting:
         one = waiting.pop()
@@ -119,7 +120,9 @@ def _names(code: CodeType) -> Iterator[str]:
 
 
 def _named(function: FunctionType, names: set[str]) -> Iterator[Any]:
-    """Yield the objects that ``function`` refers to by ``names``, by its closure or as the wrapped function."""
+    """Yield the objects that ``function`` uses: globals with one of ``names``, variables of its closure, and the
+    function that it wraps.
+    """
     yield getattr(function, "__wrapped__", None)
     yield from (cell.cell_contents for cell in function.__closure__ or () if _filled(cell))
     yield from _of_globals(function.__globals__, names)

@@ -38,12 +38,12 @@ _PIECE: Final = ("instrument", "serial_number", "certificate", "calibrated", "du
 
 
 class InstrumentsError(ValueError):
-    """A file of instruments lacks an entry or has an invalid one."""
+    """Raised if a file of instruments lacks an entry or has an invalid one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Instrument:
-    """A type of instrument (SI): half-widths of its errors, each with a uniform distribution.
+    """A type of instrument. The errors (SI) are half-widths of uniform distributions.
 
     ``resolution`` is a step, ``noise`` the standard deviation of one sample, and ``nonlinearity`` the largest deviation
     of its characteristic from the line between the ends of its range.
@@ -61,7 +61,7 @@ class Instrument:
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """One instrument, which gives one reading, and its calibration."""
+    """One individual instrument, which measures one signal, and its calibration."""
 
     signal: str
     instrument: Instrument
@@ -76,7 +76,7 @@ class Piece:
         return self.due or (self.calibrated + INTERVAL if self.calibrated else None)
 
     def overdue(self, today: date | None) -> bool:
-        """Return whether the calibration has expired ``today``; False without a date."""
+        """Return whether the calibration has expired on the date ``today``; False if ``today`` is None."""
         return bool(today and self.holds_until and today > self.holds_until)
 
     def trouble(self, today: date | None) -> str:
@@ -105,7 +105,9 @@ class Instruments:
     pieces: Mapping[str, Piece] = field(default_factory=dict)
 
     def troubles(self, today: date | None, signals: Collection[str] = ()) -> list[str]:
-        """Return a text for each calibration that is not valid ``today``, of all pieces or those of ``signals``."""
+        """Return a text for each calibration that is not valid ``today``: of the instruments of ``signals``, or
+        of all.
+        """
         found = []
         for name in signals or self.pieces:
             piece = self.pieces.get(name)
@@ -147,7 +149,7 @@ def ordinary() -> Instruments:
 
 
 def read_instruments(name: str | Path, home: Path = Path()) -> Instruments:
-    """Return the instruments of a TOML file relative to ``home``, or the supplied ones with this name.
+    """Read instruments from a TOML file relative to ``home``, or from the supplied file with this name.
 
     Raises InstrumentsError, with file, key, value and unit, if the file cannot be read or has an invalid entry.
     """

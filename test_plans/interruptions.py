@@ -1,4 +1,6 @@
-"""Signals that stop a run: each stops one part of the run, and none prevents the run from writing its results."""
+"""Handling of signals that stop a run. A signal stops one part of the run, but never prevents the run from writing its
+results.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,7 @@ class Interruptions:
     """Context manager that defers stop signals until an interruptible part of the run.
 
     Signals that are still pending at the exit go to the handlers that were installed before. Only the main thread
-    receives signals: in other threads, and for signals without a Python handler, nothing changes.
+    receives signals. In other threads, and for signals without a Python handler, the context manager has no effect.
     """
 
     def __init__(self) -> None:
@@ -43,7 +45,7 @@ class Interruptions:
 
     @contextmanager
     def interruptible(self) -> Iterator[None]:
-        """Allow one signal to stop the block; a pending signal stops it at once."""
+        """Let a signal stop the block. A signal that is already pending stops it at once."""
         self._deliver()
         self._open = True
         try:

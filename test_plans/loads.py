@@ -1,4 +1,4 @@
-"""Load cases of a spring and the limits under each load, by name, as in the file of the specimen."""
+"""Load cases of a spring, and the limits under each load, by the names in the specimen's file."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ T = TypeVar("T")
 
 
 class SpecimenError(ValueError):
-    """A specimen's file lacks an entry or has an invalid one."""
+    """Raised if a specimen's file lacks an entry or has an invalid one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """Limits of a check (SI); None on a side without a limit."""
+    """The limits of a check (SI). None means no limit on this side."""
 
     low: float | None = None
     high: float | None = None
@@ -53,16 +53,16 @@ class Band:
 
 
 def within(expected: float, tolerance: float) -> Band:
-    """Return the band of ``expected`` plus or minus the fraction ``tolerance`` of it."""
+    """Return the band from ``expected`` − ``tolerance``·``expected`` to ``expected`` + ``tolerance``·``expected``."""
     return Band(expected * (1 - tolerance), expected * (1 + tolerance))
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The limits in one table of a specimen's file, by name; ``where`` names file and table.
+    """The limits in one table of a specimen's file, by name; ``where`` states file and table.
 
-    Limits in a table with the name of a plan are called ``plan.name`` here. Only the plan knows their quantity, so it
-    passes the expected ``unit``.
+    Limits in a table with the name of a plan are called ``plan.name`` here. Only the plan knows the quantity of such a
+    limit, so it passes the expected ``unit``.
     """
 
     where: str
@@ -73,13 +73,15 @@ class Limits:
     units: Mapping[str, str] = field(default_factory=dict)  #: SI unit of each limit in the table of a plan
 
     def band(self, name: str, unit: str = "") -> Band:
-        """Return the limits of one value. Raises SpecimenError if the file lacks them, or has them in another
+        """Return the limits of one value. Raises SpecimenError if the file lacks them, or states them for another
         quantity.
         """
         return self._stated(name, unit, self.bands, "low, high or expected with tolerance")
 
     def curve(self, name: str, unit: str = "") -> Mapping[float, Band]:
-        """Return limits by place (SI). Raises SpecimenError if the file lacks them, or has them in another quantity."""
+        """Return the limits at each place (SI) of a curve. Raises SpecimenError if the file lacks them, or states them
+        for another quantity.
+        """
         return self._stated(name, unit, self.curves, "a list of places, expected and tolerance")
 
     def curve_at(self, name: str, place: float, unit: str = "") -> tuple[float, float]:
@@ -110,7 +112,9 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """One load case with its limits (SI); stiffness is per spring vertically, of the pair laterally and in roll."""
+    """One load case with its limits (SI). Vertical stiffness is per spring; lateral and roll stiffness are those of the
+    pair.
+    """
 
     name: str
     preload: float  #: N on each spring, the bolster's half weight included
@@ -119,11 +123,11 @@ class Load:
     limits: Limits
 
     def actuator_force(self, rig: Mapping[str, float]) -> float:
-        """Return the force of each vertical actuator in addition to half of the bolster's weight (N)."""
+        """Return the force (N) that each vertical actuator must add to half of the bolster's weight."""
         return self.preload - bolster_weight(rig) / 2
 
     def sweep(self, direction: str) -> Iterator[tuple[float, Band, Band]]:
-        """Yield frequency (Hz) and limits of K' and c in ``direction``, vertical or lateral."""
+        """Yield each frequency (Hz) with the limits of K' and of c, in ``direction``: vertical or lateral."""
         damping = self.limits.curve(f"{direction}_damping")
         for frequency, storage in self.limits.curve(f"{direction}_stiffness").items():
             if frequency in damping:

@@ -1,4 +1,4 @@
-"""Template of a new plan: a file that runs unchanged."""
+"""Writes the template of a new plan: a file that runs unchanged."""
 
 import keyword
 from collections.abc import Collection
@@ -40,9 +40,9 @@ def {name}(run: Run) -> None:
 
 
 def write_new(name: str, folder: Path, known: Collection[str]) -> Path:
-    """Write a plan ``name`` to a file in ``folder`` and return its path.
+    """Write a template of a plan ``name`` to a file in ``folder``, and return its path.
 
-    Raises PlanError if Python or one of the plans ``known`` uses the name, or if the file exists.
+    Raises PlanError if the name is not allowed, if one of the plans ``known`` has it, or if the file exists.
     """
     if not name.isidentifier() or keyword.iskeyword(name) or name == "new":
         raise PlanError(

@@ -18,15 +18,15 @@ ABORT: Final = "abort"
 
 
 class Unanswered(Exception):
-    """No one will answer a question; the text states why."""
+    """Raised if no one will answer a question; the text states why."""
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
     """A question of a plan: its text, the allowed answers, and the time limit (s).
 
-    ``deed`` names the manual action for rigs that can do it themselves. A simulated rig knows its faults, ``estop on``
-    and ``estop off``.
+    ``deed`` names the manual action, for rigs that can perform it themselves. A simulated rig knows the names of its
+    faults, ``estop on`` and ``estop off``.
     """
 
     text: str
@@ -62,7 +62,7 @@ class Operator(Protocol):
         """Accept a question. Raises Unanswered, with the reason, if no one will answer it."""
 
     def answer(self) -> Answer | None:
-        """Return the answer to the question, None if there is none yet. Raises Unanswered if there will be none."""
+        """Return the answer to the question; None if there is none yet. Raises Unanswered if there will be none."""
 
     def withdraw(self) -> None:
         """Remove the question, which was answered or timed out."""
@@ -89,7 +89,8 @@ Reply = str | Callable[[Question], str]
 
 
 class Script:
-    """Prepared answers by the text or the deed of a question, in which ``*`` matches any text.
+    """An operator with prepared answers. Each belongs to the text or the deed of a question, in which ``*`` matches any
+    text.
 
     The first match is used. Raises ValueError for an answer that the question does not allow.
     """
@@ -116,7 +117,9 @@ class Script:
 
 
 class QuestionBox:
-    """Storage of a question until a thread answers it, for example a terminal or a panel in a browser."""
+    """An operator that stores a question until another thread answers it, for example a terminal or a panel in a
+    browser.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -141,7 +144,7 @@ class QuestionBox:
     def reply(self, text: str, by: str, to: str = "") -> None:
         """Answer the current question. Raises ValueError if there is none, or if it does not allow this answer.
 
-        With ``to``, the text of the question, a late answer cannot reach the next question.
+        ``to`` is the text of the question that is answered. It prevents a late answer from reaching the next question.
         """
         with self._lock:
             if self._question is None or self._answer is not None:

@@ -1,4 +1,6 @@
-"""Parameters of a plan: the keyword arguments of its function, with unit and range, in text form."""
+"""Parameters of a plan: the keyword arguments of its function, with units and ranges, and their conversion from
+text.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +18,12 @@ Value = float | int | str
 
 
 class ParameterRefused(ValueError):
-    """A value is not allowed for a parameter of a plan; the text has name, value, unit and range."""
+    """Raised if a value is not allowed for a parameter of a plan. The text has name, value, unit and range."""
 
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """The range of a number, both ends (SI) included, and its unit in texts: ``Range(1 * mm, 50 * mm, "mm")``."""
+    """The range of a number (SI), including both ends, and the unit used in texts: ``Range(1 * mm, 50 * mm, "mm")``."""
 
     low: float
     high: float
@@ -35,7 +37,7 @@ class Range:
 
     @property
     def factor(self) -> float:
-        """The SI value of one unit."""
+        """The value of one unit in SI."""
         return WRITTEN_UNITS[self.unit].factor
 
     def __contains__(self, value: float) -> bool:
@@ -48,8 +50,8 @@ class Range:
 
 @dataclass(frozen=True, slots=True)
 class File:
-    """A parameter that names a file: its description, and values other than a file: ``File("a table of …",
-    ("none",))``.
+    """The kind of a parameter that names a file. ``names`` are values that are allowed instead of a file: ``File("a
+    table of …", ("none",))``.
     """
 
     about: str
@@ -74,7 +76,7 @@ class Parameter:
     whole: bool = False  #: a number without fraction
 
     def read(self, text: Any) -> Value:
-        """Return the value of ``text``, such as ``20 mm`` or ``AW3``, in SI. Raises ParameterRefused if it is not
+        """Convert ``text``, such as ``20 mm`` or ``AW3``, to a value in SI. Raises ParameterRefused if it is not
         allowed.
         """
         if self.file is not None:
@@ -147,8 +149,9 @@ def _declared(name: str, hint: Any, default: Any) -> Parameter:
 
 
 def read_all(plan: str, known: tuple[Parameter, ...], given: Mapping[str, Any]) -> dict[str, Value]:
-    """Return the values of all ``known`` parameters of a plan: those ``given`` from their texts, the others by
-    default.
+    """Return the values of all ``known`` parameters of a plan, from the texts in ``given``, otherwise by default.
+
+    Raises ParameterRefused for an unknown name or an invalid value.
     """
     by_name = {one.name: one for one in known}
     for name in given:

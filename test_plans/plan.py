@@ -58,20 +58,22 @@ class Plan:
     )
 
     def given(self, texts: Mapping[str, Any]) -> Plan:
-        """Return the plan with the parameters in ``texts``, such as ``20 mm``. Other parameters have their default
-        value.
+        """Return the plan with the values in ``texts``, such as ``20 mm``. Parameters that are not in it have their
+        defaults.
 
         Raises ParameterRefused, with name, value, unit and range, for an unknown parameter or an invalid value.
         """
         return replace(self, values=read_all(self.name, self.parameters, texts))
 
     def bound(self, part: Part) -> Callable[[Run], None]:
-        """Return one part of this plan, called with the parameters that it names."""
+        """Return one part of this plan as a function of the run alone. The plan passes the parameters that the part
+        names.
+        """
         names = inspect.signature(part).parameters
         return partial(part, **{name: value for name, value in self.values.items() if name in names})
 
     def on(self, specimen: Specimen) -> Plan:
-        """Return the plan for ``specimen``: title and instruction contain the loads of this specimen."""
+        """Return the plan for ``specimen``: the loads of this specimen are inserted into title and instruction."""
 
         def preload(found: re.Match[str]) -> str:
             load = specimen.loads.get(found[1])
@@ -111,12 +113,12 @@ def plan(
     requires: Iterable[Precondition] = (),
     checks: Iterable[CheckName] = (),
 ) -> Plan | Callable[[Part], Plan]:
-    """Turn a function into a plan: ``@plan``, or ``@plan(setup=..., teardown=..., needs=..., requires=...)``.
+    """Turn a function into a plan, as a decorator: ``@plan``, or ``@plan(setup=..., needs=..., requires=...)``.
 
-    The name of the plan is that of the function. The instruction is its docstring, or that of its module. By default
-    the set-up arms the bench, and the tear-down vents the springs and disarms the bench. The arguments after the run
-    are the plan's parameters; the other parts may use them by name. Raises PlanError if there is no docstring, if a
-    parameter has no default, unit or range, or if one of ``needs`` is not a signal.
+    The name of the plan is that of the function. The instruction is the docstring of the function, or that of its
+    module. By default the set-up arms the bench, and the tear-down vents the springs and disarms the bench. The
+    arguments after the run are the plan's parameters; set-up and tear-down may use them by name. Raises PlanError if
+    there is no docstring, if a parameter has no default, unit or range, or if one of ``needs`` is not a signal.
     """
 
     def made(function: Part) -> Plan:
@@ -127,10 +129,11 @@ def plan(
 
 
 def plan_under(load: str, main: Callable[..., None], name: str, **how: Any) -> Plan:
-    """Return a plan called ``name`` for one load. The function gets the load as second argument. See `plan`.
+    """Return a plan called ``name`` for one load. The function ``main`` receives the load as its second argument. See
+    `plan`.
 
-    In its docstring ``{load}`` is replaced by the load, ``{car}`` by the car with this load, and ``{preload}`` by the
-    preload of a spring. The arguments after run and load are the plan's parameters.
+    In the docstring of ``main``, ``{load}`` is replaced by the load, ``{car}`` by the car with this load, and
+    ``{preload}`` by the preload of a spring. The arguments after run and load are the plan's parameters.
     """
 
     def under(run: Run, **given: Value) -> None:

@@ -1,4 +1,4 @@
-"""Preconditions of a plan: each is checked on the connected bench before any motion."""
+"""Preconditions of a plan. Each is checked on the connected bench before any motion."""
 
 from __future__ import annotations
 
@@ -37,7 +37,9 @@ _LOOK_WITHIN: Final = 10 * minutes
 
 @dataclass(frozen=True, slots=True)
 class ConditionResult:
-    """Result of a check: met, not met or unknown (None), and a text with the remedy."""
+    """Result of the check of a precondition: met, not met or unknown (None), and a text with the state found and the
+    remedy.
+    """
 
     met: bool | None
     found: str
@@ -47,8 +49,8 @@ class ConditionResult:
 class Precondition:
     """A condition as text, and the function that checks it.
 
-    An unknown result blocks the plan if the precondition is ``strict``. A precondition with ``armed`` is checked on the
-    armed bench, with set-points at the measured values: nothing moves, and the bench is disarmed again.
+    An unknown result blocks the plan only if the precondition is ``strict``. A precondition with ``armed`` is checked
+    on the armed bench, with set-points equal to the measured values: nothing moves, and the bench is disarmed again.
     """
 
     text: str
@@ -58,8 +60,8 @@ class Precondition:
 
 
 def supply(at_least: float) -> Precondition:
-    """Return the precondition that the air supply has at least the pressure ``at_least`` (Pa gauge), downstream of the
-    main valve.
+    """Return a precondition: the air supply downstream of the main valve must have the gauge pressure ``at_least``
+    (Pa).
     """
 
     def look(run: Run) -> ConditionResult:
@@ -80,9 +82,9 @@ def supply(at_least: float) -> Precondition:
 
 
 def supply_for(*loads: str) -> Precondition:
-    """Return the precondition that the supply exceeds the pressure of the load cases by `HEADROOM`.
+    """Return a precondition: the supply pressure must exceed the spring pressure of these load cases by `HEADROOM`.
 
-    "load" means the load case of the plan's parameter.
+    "load" as a name means the load case of the plan's parameter.
     """
 
     def look(run: Run) -> ConditionResult:
@@ -95,16 +97,18 @@ def supply_for(*loads: str) -> Precondition:
 
 
 def on_the_bench(*loads: str) -> list[Precondition]:
-    """Return the preconditions of every measurement of a spring under load cases; "load" is that of the plan's
-    parameter.
+    """Return the preconditions that every measurement of a spring under these load cases needs.
+
+    "load" as a name means the load case of the plan's parameter.
     """
     return [load_cases(*loads), gas(*HALL), not_overdue(), supply_for(*loads)]
 
 
 def gas(low: float, high: float) -> Precondition:
-    """Return the precondition that the gas in the springs has a temperature between ``low`` and ``high`` (K).
+    """Return a precondition: the gas in the springs must have a temperature between ``low`` and ``high`` (K).
 
-    At rest it has the temperature of the hall. After an earlier run, wait up to `COME_BACK` (s) for this temperature.
+    At rest it has the temperature of the hall. After an earlier run, the check waits up to `COME_BACK` (s) for this
+    temperature.
     """
     span = f"{low - ICE:.3g} to {high - ICE:.3g} °C"
 
@@ -133,9 +137,9 @@ def gas(low: float, high: float) -> Precondition:
 
 
 def calibrated(*signals: str) -> Precondition:
-    """Return the precondition that the instruments of some signals, or all, have certificates that are valid today.
+    """Return a precondition: the instruments of ``signals`` (default: all) must have certificates that are valid today.
 
-    In virtual time dates are not judged.
+    In virtual time, dates are not checked.
     """
 
     def look(run: Run) -> ConditionResult:
@@ -152,9 +156,9 @@ def calibrated(*signals: str) -> Precondition:
 
 
 def not_overdue() -> Precondition:
-    """Return the precondition that no instrument is overdue for calibration.
+    """Return a precondition: no instrument is overdue for calibration.
 
-    It is not judged in virtual time, or if no instruments are described.
+    The result is unknown in virtual time, and if no instruments are described.
     """
 
     def look(run: Run) -> ConditionResult:
@@ -173,7 +177,9 @@ def not_overdue() -> Precondition:
 
 
 def load_cases(*names: str) -> Precondition:
-    """Return the precondition that the specimen's file has these load cases; "load" is that of the plan's parameter."""
+    """Return a precondition: the specimen's file must have these load cases. "load" means the load case of the plan's
+    parameter.
+    """
 
     def look(run: Run) -> ConditionResult:
         lacking = [name for name in _chosen(run, names) if name not in run.specimen.loads]
@@ -191,7 +197,7 @@ def _chosen(run: Run, names: Iterable[str]) -> list[str]:
 
 
 def rested(at_least: float) -> Precondition:
-    """Return the precondition that the specimen has rested on this bench for a time (s), since the last run or
+    """Return a precondition: the specimen must have rested on this bench for ``at_least`` s since the last run or the
     connection.
 
     A new rig in virtual time has rested for an infinite time.
@@ -207,7 +213,7 @@ def rested(at_least: float) -> Precondition:
 
 
 def confirmed(text: str) -> Precondition:
-    """Return the precondition that the operator confirms ``text``, a condition that no signal shows."""
+    """Return a precondition: the operator must confirm ``text``, a condition that no signal shows."""
 
     def look(run: Run) -> ConditionResult:
         answer = run.ask(f"is this so: {text}?", (YES, NO), within=_LOOK_WITHIN)
@@ -227,5 +233,5 @@ def _time_since_last_run(run: Run) -> float:
 
 
 def today(run: Run) -> date | None:
-    """Return the date of a run in real time; None in virtual time."""
+    """Return today's date for a run in real time; None in virtual time."""
     return None if isinstance(run.bench.clock, VirtualClock) else date.fromisoformat(utc_date()[:10])

@@ -1,4 +1,4 @@
-"""Mistakes in the source of a plan that can be found before any motion: names, readings, signals, units."""
+"""Search for mistakes in the source of a plan before any motion: names, readings, signals, units."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _begins_with_a_run(part: Callable[..., None]) -> bool:
 
 
 def _unknown_names(part: Any) -> Iterator[tuple[int, str]]:
-    """Yield line and text for global names without a value, in a function and the functions inside it."""
+    """Yield line and text for each global name without a value, in a function and in the functions inside it."""
     known = part.__globals__.keys() | vars(builtins).keys()
     for code in _codes(part.__code__):
         for step in dis.get_instructions(code):
@@ -69,7 +69,7 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def _is_made_later(part: Any, name: str) -> bool:
-    """Return whether a function of the file may define a global name while the plan runs."""
+    """Return whether a function in the file of the plan may define a global name while the plan runs."""
     try:
         text = Path(part.__code__.co_filename).read_text(encoding="utf-8")
     except (OSError, UnicodeError):
@@ -78,7 +78,7 @@ def _is_made_later(part: Any, name: str) -> bool:
 
 
 def _wrong_words(part: Any, run: Run) -> Iterator[tuple[int, str]]:
-    """Yield line and text for attributes that run, bench and devices do not have, and for unknown signals and units."""
+    """Yield line and text for each unknown attribute of run, bench or device, and for each unknown signal or unit."""
     try:
         lines, start = inspect.getsourcelines(part)
         tree = ast.parse(dedent("".join(lines)))
@@ -120,7 +120,9 @@ def _texts(nodes: list[ast.expr]) -> list[str]:
 
 
 def _object(node: ast.expr, name: str, run: Run) -> object:
-    """Return the run, bench or device of an expression such as ``run.bench.left``; None for anything else."""
+    """Return the run, the bench or the device that an expression such as ``run.bench.left`` refers to; None for other
+    expressions.
+    """
     if isinstance(node, ast.Name):
         return run if node.id == name else None
     if not isinstance(node, ast.Attribute):

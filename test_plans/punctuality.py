@@ -1,4 +1,4 @@
-"""Lateness of the rig during a run, by its own counters."""
+"""How late the ticks of the rig were during a run, from the rig's own counters."""
 
 from __future__ import annotations
 
@@ -33,9 +33,10 @@ def lateness(bench: Bench) -> dict[str, float] | None:
 def timing(
     before: dict[str, float] | None, after: dict[str, float] | None, disturbed: dict[str, int]
 ) -> Timing | None:
-    """Return the punctuality during the run: differences of counters; quantiles are the upper edges of their bins.
+    """Return how punctual the rig was during the run, from the differences of its counters; None if they are not known.
 
-    ``disturbed`` are the late ticks during the measurement of a check, by its name.
+    Quantiles of the lateness are the upper edges of their bins. ``disturbed`` are the late ticks during the measurement
+    of a check, by its name.
     """
     if before is None or after is None:
         return None

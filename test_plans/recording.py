@@ -31,7 +31,7 @@ _EVENTS: Final = {"rig.tripped": "trip", "rig.reason": "reason", "rig.state": "s
 
 
 def recorded_signals(table: Table) -> dict[int, SignalInfo]:
-    """Return the description in the record of every table row that a rig reports."""
+    """Return for each table row that a rig reports the description of its signal in the record."""
     found = {}
     for row, signal in enumerate(table.signals):
         if signal.kind not in (*MEASURED, Kind.STATUS):
@@ -66,7 +66,9 @@ class Recording:
         self.failure = ""  #: why it was not kept whole, once it is closed
 
     def take(self, times: Instants, rows: Rows, values: Floats) -> None:
-        """Record received samples (ns, table rows, SI). Raises RecordError if the disk has failed."""
+        """Record received samples: ``times`` (ns), table ``rows`` and ``values`` (SI). Raises RecordError if the disk
+        has failed.
+        """
         column = self._column[rows]
         reported = column >= 0  # with a lease, the rig's answer repeats the request
         places = self._watched[rows].nonzero()[0]
@@ -76,19 +78,23 @@ class Recording:
                 self._compare(times[places].tolist(), rows[places].tolist(), values[places].tolist())
 
     def event(self, time: int, kind: str, text: str, **data: Any) -> None:
-        """Record an event of the run after the samples that preceded it. Raises RecordError as `take` does."""
+        """Record an event of the run, after all samples received before it. Raises RecordError if the disk has
+        failed.
+        """
         with self._lock:
             self._recorder.event(time, kind, text, **data)
 
     def close(self) -> None:
-        """Close the record; sets ``failure`` if the disk failed."""
+        """Close the record. If the disk has failed, set ``failure`` to the reason."""
         try:
             self._recorder.close()
         except RecordError as error:
             self.failure = str(error)
 
     def _compare(self, times: list[int], rows: list[int], values: list[float]) -> None:
-        """Report every change. Cause and new state arrive in the same frame; the cause is reported first."""
+        """Record an event for every change of a watched signal. If cause and new state arrive in one frame, the cause
+        comes first.
+        """
         for time, row, value in sorted(
             zip(times, rows, values, strict=True), key=lambda one: (one[0], -one[1])
         ):
@@ -105,7 +111,9 @@ class Recording:
 
 
 def begin_recording(bench: Bench, directory: Path | str, meta: dict[str, Any]) -> Recording:
-    """Return the recording of a run that begins now. Raises RecordError if the directory has an open record."""
+    """Open the record of a run that begins now, and return it. Raises RecordError if the directory has an open
+    record.
+    """
     table, clock = bench.table, bench.clock
     signals = {
         row: one
@@ -123,7 +131,7 @@ def begin_recording(bench: Bench, directory: Path | str, meta: dict[str, Any]) -
 
 
 def keep_settings(run: Run, values: Mapping[str, float]) -> None:
-    """Record settings that are in force from now on: numbers in SI, choices by name."""
+    """Record settings that apply from now on: numbers in SI, choices by name."""
     table = run.bench.table
     known = {name: value for name, value in values.items() if not isnan(value)}
     data = {

@@ -41,7 +41,7 @@ from bench_records.twin import Deviation
 
 
 class TwinState(Protocol):
-    """State of the twin for a plan. Reads return the present state; in real time they never wait for the model."""
+    """What a plan can read of the twin. Reads return the present state; in real time they never wait for the model."""
 
     @property
     def watching(self) -> bool:
@@ -67,7 +67,7 @@ PLAIN: Final = "the plan does not say"
 
 
 class PlanError(Exception):
-    """Error in the code of a plan; the text names the plan and the missing part."""
+    """Raised for an error in the code of a plan. The text names the plan and the missing part."""
 
 
 class Watcher(Protocol):
@@ -110,7 +110,9 @@ class NullWatcher:
 
 
 class SafeWatcher:
-    """Forwards calls to a watcher until one x must not prevent the tear-down of a run."""
+    """Forwards calls to a watcher until a call fails, and ignores further calls. A watcher must not prevent the
+    tear-down of a run.
+    """
 
     def __init__(self, watcher: Watcher) -> None:
         self._watcher = watcher
@@ -185,7 +187,8 @@ class Run:
         note: str = "",
         since: int | None = None,
     ) -> bool:
-        """Judge ``value`` against its limits (SI); return whether it passed. The plan continues in both cases.
+        """Judge ``value`` by its limits (SI), record the check, and return whether it passed. The plan continues in
+        both cases.
 
         A `CheckName` as ``name`` adds a sentence that explains the measured quantity. A value with an uncertainty U
         passes if its probability of conformity is high enough. It is *marginal* if it is within the limits with a lower
@@ -235,10 +238,10 @@ class Run:
         return one.passed
 
     def measured(self, evaluate: Evaluation, *captures: Captured, **how: Any) -> Measured:
-        """Return what ``evaluate(*captures)`` computes from readings, with its uncertainty.
+        """Return the value that ``evaluate(*captures)`` computes from readings, with its uncertainty.
 
-        See `uncertainty.measured`; this is for an evaluation with one value. The instruments are those of the rig.
-        If the evaluation needs dimensions of the rig, pass ``run.rig`` as a capture: dimensions are uncertain, too.
+        See `uncertainty.measured`; this is for an evaluation with one value. The instruments are those of the rig. If
+        the evaluation needs dimensions of the rig, pass ``run.rig`` as a capture, because dimensions are uncertain too.
         """
         (one,) = self.measure(evaluate, *captures, **how)
         return one
@@ -246,9 +249,10 @@ class Run:
     def measure(
         self, evaluate: Evaluation, *captures: Captured, over: float = 0.0, **how: Any
     ) -> tuple[Measured, ...]:
-        """Return the several values that ``evaluate(*captures)`` computes from readings, with their uncertainties.
+        """Return the values that ``evaluate(*captures)`` computes from readings, each with its uncertainty.
 
-        ``over`` is the averaging time (s); the number of samples follows from the receive rates.
+        If the readings are means, ``over`` is their averaging time (s); the number of samples follows from the receive
+        rates.
         """
         came = self.bench.receiver.rates
         if over:
@@ -257,7 +261,7 @@ class Run:
         return measured(evaluate, *captures, instruments=self.instruments, came=came, stamps=stamps, **how)
 
     def can(self, *checks: str, needs: Iterable[str]) -> bool:
-        """Return whether the rig has all ``needs`` of ``checks``; if not, record these as *not available*.
+        """Return whether the rig has everything that ``checks`` need. If not, record these checks as *not available*.
 
         ``needs`` are names of signals and dimensions. Call this before any motion that only these checks require, and
         skip the motion if it returns False.
@@ -275,9 +279,9 @@ class Run:
         return "; ".join(filter(None, texts))
 
     def hold_point(self, where: str) -> bool:
-        """Hold the run here, between two measurements, if a hold was requested; return whether it was held.
+        """Hold the run here, between two measurements, if a hold was requested. Return whether it was held.
 
-        During the hold all valves are shut and set-points are still sent. The plan must restore the state of the gas
+        During the hold all valves are shut, and set-points are still sent. The plan must restore the state of the gas
         afterwards (`steps.restore_state`). Raises HeldTooLong if the hold is not released in time.
         """
         if not (by := self.suspension.wanted_by):
@@ -331,7 +335,8 @@ class Run:
         deed: str = "",
         checks: Iterable[str] = (),
     ) -> str:
-        """Ask the operator; return the answer. Without one, return "" and record ``checks`` as *not available*.
+        """Ask the operator, and return the answer. If there is no operator, return "" and record ``checks`` as *not
+        available*.
 
         The bench is commanded and monitored during the wait. ``within`` (s) limits the wait. ``deed`` names the action
         that a simulated rig can perform without an operator (`Question`). The answer *abort* ends the run.
@@ -344,7 +349,8 @@ class Run:
             return ""
 
     def confirm(self, what: str, *checks: str, within: float = 10 * minutes, deed: str = "") -> bool:
-        """Ask the operator to do ``what``; return whether it was done. If not, ``checks`` are *not available*.
+        """Ask the operator to do ``what``, and return whether it was done. If not, record ``checks`` as *not
+        available*.
 
         Call this before any motion that only these checks require, and skip the motion if it returns False. If the
         operator does not answer in time, a person may be at work on the rig: the run ends (Aborted).
@@ -362,7 +368,7 @@ class Run:
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
-        """Name a part of the run; phases may be nested."""
+        """Give the block a name as a phase of the run, and record its start and end. Phases may be nested."""
         self._open.append(name)
         self._late_at_last = self.bench.readings.glimpse(LATE_TICKS)
         self._late_at_begin.append(self._late_at_last)
@@ -383,7 +389,8 @@ class Run:
             self.watcher.phase(tuple(self._open), begins=False)
 
     def _late_ticks_since_begin(self) -> int:
-        """Return the late ticks since the start of the innermost open phase; without one, of the last phase.
+        """Return the number of late ticks since the start of the innermost open phase. Without an open phase, count
+        from the last one.
 
         0 if the rig does not count them.
         """
@@ -414,8 +421,8 @@ class Run:
         group: str = "",
         limits: Iterable[Band] = (),
     ) -> None:
-        """Store a table of a few points, ``ys`` over ``xs`` (SI), for the report, with the ``limits`` of each point, if
-        any.
+        """Store a table of a few points, ``ys`` over ``xs`` (SI), for the report. ``limits`` are those of each point,
+        if any.
 
         The table includes the uncertainties of `Measured` values.
         """
@@ -427,12 +434,12 @@ class Run:
         self.curves.append(one)
 
     def say(self, text: str) -> None:
-        """Send a note to the watcher and the record."""
+        """Send a note to the watcher, and write it to the record."""
         self.keep("note", text)
         self.follow(text)
 
     def warn(self, text: str) -> None:
-        """Send a warning to the watcher, the record and the result."""
+        """Send a warning to the watcher, and add it to the record and the result."""
         self.warnings.append(text)
         self.say(text)
 
@@ -441,9 +448,10 @@ class Run:
         self.watcher.say(text)
 
     def keep(self, kind: str, text: str, **data: Any) -> None:
-        """Write an event to the record.
+        """Write an event of a ``kind`` to the record.
 
-        A disk error must not prevent the tear-down; the record reports the error when it is closed.
+        A disk error is not raised here, because it must not prevent the tear-down. The record reports it when it is
+        closed.
         """
         with suppress(RecordError):
             self.log.event(self.now, kind, text, **data)

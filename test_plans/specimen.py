@@ -106,7 +106,7 @@ _FILE: Final = "a specimen"
 
 @dataclass(frozen=True, slots=True)
 class Specimen:
-    """One type of spring, both pieces on the bench; values in SI."""
+    """One type of spring with its limits, all values in SI. Both springs on the bench are of this type."""
 
     file: str
     sha256: str
@@ -132,7 +132,7 @@ class Specimen:
     requirements: Mapping[str, str] = field(default_factory=dict)  #: by name of a check, or pattern of names
 
     def load(self, name: str) -> Load:
-        """Return a load case. Raises SpecimenError if the file does not have it."""
+        """Return a load case by name. Raises SpecimenError if the file does not have it."""
         if name not in self.loads:
             raise SpecimenError(
                 f"specimen {self.file} has no load case {name}; it has {', '.join(self.loads)}"
@@ -140,7 +140,9 @@ class Specimen:
         return self.loads[name]
 
     def load_of(self, name: str, preload: float) -> Load:
-        """Return a load case like ``name``, with another ``preload`` (N) and without limits."""
+        """Return a copy of the load case ``name`` with another ``preload`` (N), the pressure that belongs to it, and no
+        limits.
+        """
         load = self.load(name)
         limits = Limits(f"{load.limits.where} at {preload / 1e3:g} kN", {}, {})
         return replace(load, preload=preload, fill_pressure=self.pressure_for(preload), limits=limits)
@@ -155,7 +157,9 @@ class Specimen:
         return 2.0 * preload / (bare + sqrt(bare * bare + 4.0 * self.effective_area_growth * preload))
 
     def requirement(self, check: str) -> str:
-        """Return the requirement that a check verifies, from this file or else from the plan; "" if there is none."""
+        """Return the requirement that a check verifies: from this file, otherwise from the plan; "" if there is
+        none.
+        """
         stated = (text for pattern, text in self.requirements.items() if fnmatchcase(check, pattern))
         return next(stated, check.requirement if isinstance(check, CheckName) else "")
 
@@ -178,12 +182,12 @@ def ordinary() -> Specimen:
 
 
 def packaged() -> list[str]:
-    """Return the names of the specimens that come with the bench."""
+    """Return the names of the specimen files that are supplied with the program."""
     return list(named_files(PACKAGE))
 
 
 def read_specimen(name: str | Path) -> Specimen:
-    """Return the specimen of a TOML file, or the supplied one with this name.
+    """Read a specimen from a TOML file, or from the supplied file with this name.
 
     Raises SpecimenError, with file, key, value and unit, if the file cannot be read or has an invalid entry.
     """
@@ -234,7 +238,9 @@ def _specimen(path: Path, sha256: str, content: Mapping[str, Any]) -> Specimen:
 
 
 def _drawing(table: Any) -> dict[str, float]:
-    """Return the properties of a drawing; those of `GROWTH` are optional, but only together."""
+    """Return the properties of a drawing in SI. The properties in `GROWTH` are optional, but a file must state all or
+    none of them.
+    """
     known = DRAWING | (GROWTH if GROWTH.keys() & as_table("properties", table) else {})
     return _values("properties", table, known)
 
@@ -250,7 +256,9 @@ def _text(key: str, text: Any) -> str:
 
 
 def _model(path: Path, content: Mapping[str, Any]) -> str:
-    """Return the parameter set that the file names; a path is relative to the folder of the file."""
+    """Return the name or path of the parameter set in the file; "" if there is none. A path is relative to the folder
+    of the file.
+    """
     if MODEL not in content:
         return ""
     name = _name(MODEL, content)
@@ -333,7 +341,7 @@ def _is_group(raw: Any) -> bool:
 
 
 def _limit(key: str, raw: Any, si: str | None) -> tuple[Band | dict[float, Band], str]:
-    """Return a limit and its SI unit; without ``si`` any unit is accepted."""
+    """Return a limit, and the SI unit of its quantity. Without ``si`` any unit is accepted."""
     entry = read_entry(key, raw, si, _BANDS)
     stated = UNITS[entry.unit].si
     if over := next((over for over in OVER if over in entry.parts), ""):

@@ -1,7 +1,7 @@
 """Hold and resume of a run: the request, the state of the bench during the hold, and the release.
 
-A plan defines its hold points, between measurements. During a hold the function generator is stopped, ramps have
-ended, all valves are shut and set-points are still sent. Afterwards the valves return to their former modes.
+A plan defines its hold points, between measurements. During a hold the function generator is stopped, ramps have ended,
+all valves are shut and set-points are still sent. Afterwards the valves return to their earlier modes.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ _MODES: Final = tuple(f"air.{side}_mode" for side in SIDES)
 
 
 class HeldTooLong(Exception):
-    """A held run was not released in time."""
+    """Raised if a held run was not released in time."""
 
 
 class Suspension:
-    """Requested and actual hold of a run; may be called from any thread or signal handler."""
+    """The state of holding of one run: what was requested, and whether it is held. Any thread or signal handler may use
+    it.
+    """
 
     def __init__(self) -> None:
         # Single assignments, because a signal handler must not wait for a lock.
@@ -38,7 +40,7 @@ class Suspension:
         return self._stopped_by
 
     def stop(self, by: str) -> None:
-        """Store the source that ends the run, unless one is stored; called by a signal handler."""
+        """Store who ends the run. The first caller counts. May be called by a signal handler."""
         self._stopped_by = self._stopped_by or by
 
     @property
@@ -60,11 +62,13 @@ class Suspension:
         self._wanted_by = ""
 
     def toggle(self, by: str) -> None:
-        """Request a hold, or release it."""
+        """Request a hold; if one is requested or active, release it."""
         self._wanted_by = "" if self._wanted_by else by
 
     def hold(self, run: Asking, where: str, within: float) -> None:
-        """Hold the bench until the run is released. Raises HeldTooLong after ``within`` s, and clears the request."""
+        """Hold the bench until the run is released. Raises HeldTooLong after ``within`` s. The request is cleared at
+        the end.
+        """
         bench = run.bench
         self._held_at = where
         try:

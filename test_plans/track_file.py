@@ -44,12 +44,13 @@ GAP: Final = 4.0
 
 
 class NoTrack(ValueError):
-    """A file is not a track record; the text has file, column, line, value and correction."""
+    """Raised if a file is not a track record. The text has file, column, line, value and correction."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackRecord:
-    """A track: ``ways`` (m, rad; each of shape (n,)) by the platform's reading, at increasing ``places`` (n,).
+    """A track: the motions ``ways`` (m or rad, each (n,)) by the reading of the platform, at increasing ``places``
+    (n,).
 
     ``places`` are in m along the line, or in s if ``timed``. ``unread`` are the ignored columns.
     """
@@ -62,13 +63,13 @@ class TrackRecord:
     unread: tuple[str, ...] = ()
 
     def times(self, speed: float) -> Samples:
-        """Return the time (s) from 0 on at which a train of ``speed`` (m/s) is at each place; the recorded times for a
-        record over time.
+        """Return the time (s, from 0 on) at which a train of ``speed`` (m/s) is at each place. A record over time has
+        its own times.
         """
         return (self.places - self.places[0]) / (1.0 if self.timed else speed)
 
     def at(self, times: Samples, speed: float) -> dict[str, Samples]:
-        """Return the ways at equally spaced ``times`` (s, (n,)) for a train of ``speed`` (m/s), about their means.
+        """Return the motions at equally spaced ``times`` (s, (n,)) for a train of ``speed`` (m/s), minus their means.
 
         Rows are joined by straight lines and averaged over one step, so that no wave shorter than two steps appears as
         a longer one. Beyond its ends the track continues the outermost lines.
@@ -87,7 +88,7 @@ class TrackRecord:
 
 
 def read_track(path: Path) -> TrackRecord:
-    """Return the track of a table. Raises NoTrack for an invalid file: gaps, wrong units, or places that do not
+    """Read a track from a table. Raises NoTrack for an invalid file: gaps, wrong units, or places that do not
     increase.
     """
     try:
@@ -113,7 +114,9 @@ def read_track(path: Path) -> TrackRecord:
 
 
 def _plainly_named(sheet: Sheet) -> Sheet:
-    """Move the unit in each column's name to the column's unit, and write the name in lower case."""
+    """Split the header of each column, such as "Vertical [mm]", into a name in lower case and a unit. Changes the
+    ``sheet`` and returns it.
+    """
     for column in sheet.columns:
         if found := _NAMED.fullmatch(column.name):
             column.name = found["name"].lower()

@@ -1,5 +1,7 @@
-"""Compile the model in advance, in two processes: python -m tools.compile_model. Otherwise each function is compiled
-at its first use. This would delay the first rig, the first diagnosis and each process of the tests.
+"""Compile the model in advance, in two processes: python -m tools.compile_model.
+
+Otherwise each function is compiled at its first use. This would delay the first rig, the first diagnosis and each
+process of the tests.
 """
 
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -52,7 +54,7 @@ def compile_diagnosis() -> None:
 
 
 def compile_plant() -> None:
-    """Compile the plant and imposed motions, as for the study of the paper and many tests."""
+    """Compile the plant and the imposed motions, which the study of the paper and many tests use."""
     from bench_sim.model.experiments import VERTICAL, ImposedMotion, impose
     from bench_sim.model.plant import STEP, Plant
     from bench_sim.parameters import load

@@ -18,7 +18,9 @@ BAR, MM = 1e5, 1e-3
 
 
 def half_loops(simulator, dataset) -> tuple[list[float], list[float]]:
-    """Return the mean pressure (bar) and half the force difference between in-stroke and out-stroke (N) of each run."""
+    """Return for each run the mean pressure (bar), and half of the force difference between in-stroke and out-stroke
+    (N).
+    """
     pressures, halves = [], []
     for run in dataset.runs:
         left = (run.outputs - simulator.run(run.experiment, {}, {}))[:, 0]

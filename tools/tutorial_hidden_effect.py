@@ -37,7 +37,7 @@ Results = Mapping[str, Any]
 
 
 def files(page: str) -> dict[str, str]:
-    """Return the TOML files that the page shows in full, by the name in their first line."""
+    """Return the complete TOML files on the page. The key is the file name in their first line."""
     return {
         name: f"# {name}\n{text}"
         for name, text in re.findall(r"```toml\n# (\S+\.toml)\n(.*?)```", page, flags=re.DOTALL)
@@ -52,7 +52,7 @@ def commands(page: str) -> list[list[str]]:
 
 
 def carry_out(page: str, directory: Path) -> None:
-    """Run the page's commands in ``directory``, except those whose results exist."""
+    """Run the page's commands in ``directory``. Commands whose results already exist are skipped."""
     for name, text in files(page).items():
         (directory / name).write_text(text)
     for arguments in commands(page):
@@ -118,7 +118,7 @@ def _last_check(result: Any) -> str:
 
 
 def _lost(result: Any) -> tuple[str, str]:
-    """Return the air loss per minute (%), left and right."""
+    """Return the air loss per minute (%) of the left and the right spring, as text."""
     lost = [100 * c["value"] for c in result["checks"] if c["name"].startswith("air lost")]
     return tuple(f"{value:.2f}".replace("-", "\u2212").replace("\u22120.00", "0.00") for value in lost)
 

@@ -45,7 +45,7 @@ from diagnosis.engine.trials import (
 
 
 def choose(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Trial | None:
-    """Return the trial that enters the model, None where none does."""
+    """Return the trial that enters the model; None if no trial enters."""
     chosen = next((trial for trial in trials if not trial.failed), None)
     if chosen is None:
         return None
@@ -62,7 +62,7 @@ def choose(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Tri
 def _richer_instead(problem: Problem, state: SearchState, chosen: Trial) -> list[Trial]:
     """Return trials in which a more general effect (`richer_members`) replaces an accepted one.
 
-    Those that are clearly worse than ``chosen``, which keeps the accepted effect, are left out.
+    ``chosen`` keeps the accepted effect. Trials that are clearly worse than ``chosen`` are not returned.
     """
     current, config = state.current, problem.config
     singles: list[Trial] = []
@@ -80,8 +80,8 @@ def _richer_instead(problem: Problem, state: SearchState, chosen: Trial) -> list
 
 
 def choose_sufficient(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Trial | None:
-    """Return the best trial that failed only because it is small, if the model with it explains the data
-    sufficiently.
+    """Return the best trial that failed only because it is small, if the model with this trial explains the data
+    sufficiently; else None.
     """
     current = state.current
     trial = next((one for one in trials if one.rough), None)
@@ -99,7 +99,7 @@ def choose_sufficient(problem: Problem, state: SearchState, trials: Sequence[Tri
 
 
 def _surfaces_see(problem: Problem, beside: CurrentModel) -> bool:
-    """Return whether the test of any surface rejects a model."""
+    """Return whether the test of any surface rejects the model ``beside``."""
     replay, config = problem.replay, problem.config
     if not replay.simulator.surfaces:
         return False
@@ -109,7 +109,9 @@ def _surfaces_see(problem: Problem, beside: CurrentModel) -> bool:
 
 
 def choose_with_strained(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Trial | None:
-    """Return the best model with two further causes: the strongest trial that is strained alone, and a candidate."""
+    """Return the best model with two further causes: the strongest trial that is unphysical alone, and another
+    candidate. None if there is no such model.
+    """
     current = state.current
     strained = next((trial for trial in trials if not trial.physical and trial.bic < current.model.bic), None)
     if strained is None or len(current.effects) + 2 > problem.config.max_effects:
@@ -126,8 +128,8 @@ def choose_with_strained(problem: Problem, state: SearchState, trials: Sequence[
 
 
 def _with_two(problem: Problem, state: SearchState, names: tuple[str, str], start: Point) -> list[Trial]:
-    """Return a trial of the second of two further causes, fitted together from ``start``; empty if a gate rejects
-    it.
+    """Fit two further causes together from ``start``, and return the trial of the second one; empty if a gate rejects
+    the model.
     """
     current = state.current
     model = refit(problem, start, current)
@@ -158,7 +160,7 @@ def admit(problem: Problem, state: SearchState, chosen: Trial, trials: tuple[Tri
 def _comparable(bic: float, chosen: Trial, trials: Sequence[Trial], ambiguous: float) -> list[str]:
     """Return the other effects whose fit improves ``bic`` nearly as much as the chosen effect does.
 
-    An effect is also comparable if its BIC is within ``ambiguous`` of the chosen one.
+    An effect also counts as comparable if its BIC is larger than that of the chosen one by at most ``ambiguous``.
     """
     gain = bic - chosen.bic
     least = max(min(COMPARABLE * gain, gain - ambiguous), 0.0)

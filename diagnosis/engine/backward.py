@@ -31,15 +31,15 @@ from diagnosis.engine.trials import current_model, predicted, refit
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Weighed:
-    """A model, usually the current one without one effect, and its prediction of the select runs."""
+    """A model and its prediction of the select runs. The model is usually the current one without one effect."""
 
     model: FittedModel
     prediction: Prediction | None
 
 
 def weigh(problem: Problem, state: SearchState) -> SearchResult:
-    """Remove the effects that fail a gate together with the others, and return how much each remaining effect
-    explains.
+    """Remove the effects that fail a gate together with the others. Return the result of the search, with the part that
+    each remaining effect explains.
     """
     while True:
         without = _without_each(problem, state)
@@ -51,7 +51,9 @@ def weigh(problem: Problem, state: SearchState) -> SearchResult:
 
 
 def dismissed(problem: Problem, state: SearchState, why: Mapping[str, str]) -> SearchState:
-    """Return the state without the effects ``why``, each with its reason. Noise and rivals are estimated again."""
+    """Return the state without the effects in ``why``, which gives the reason for each. Estimate noise and rivals
+    again.
+    """
     point = state.current.model.point
     for name in why:
         point = point.without(name)

@@ -23,7 +23,7 @@ from diagnosis.engine.noise import quietest, white
 
 
 def fit_base_model(replay: Replay) -> Point:
-    """Return the base model fitted under white noise, a first approximation."""
+    """Fit the base model under white noise, as a first approximation, and return the fitted point."""
     point = base_point(replay.simulator.nuisances, replay.records)
     residuals = replay.residuals(replay.predictions(point))
     deviations = []

@@ -25,8 +25,8 @@ from diagnosis.engine.noise import Noise, estimate, quietest, white
 def best_before(base: FittedModel, after: Prediction, floors: Array) -> tuple[FittedModel, Prediction]:
     """Return the fit of the base model that predicts the runs of ``after`` best, and its prediction.
 
-    ``base`` is the fit under the noise of the extended model, ``after`` the prediction of the extended model with fixed
-    numbers, ``floors`` (c,) the noise of each channel.
+    ``base`` is the fit under the noise of the extended model. ``after`` is the prediction of the extended model with
+    fixed parameters. ``floors`` (c,) is the noise of each channel.
     """
     fits = [base]
     for noise in _noises(base):
@@ -37,7 +37,9 @@ def best_before(base: FittedModel, after: Prediction, floors: Array) -> tuple[Fi
 
 
 def noise_ratio(prediction: Prediction, floors: Array) -> float:
-    """Return RMSE of a prediction divided by the noise, over all channels; NaN if no sample counts."""
+    """Return the RMSE of a prediction in units of the noise ``floors`` (c,), over all channels; NaN if no sample
+    counts.
+    """
     total, count = 0.0, 0
     for run, predicted in zip(prediction.replay.runs, prediction.outputs, strict=True):
         error = ((run.outputs - predicted) / floors)[run.counted]
@@ -51,7 +53,7 @@ def plain_noise(model: FittedModel) -> Noise:
 
 
 def _noises(base: FittedModel) -> tuple[Noise, Noise]:
-    """Return the noise estimated from the base model's residual: coloured, and white."""
+    """Return two noises estimated from the residual of the base model: coloured, and white."""
     coloured = _own_noise(base)
     return coloured, _white(base, coloured)
 

@@ -75,8 +75,9 @@ def doubtful(
 
 
 def no_clearer(model: FittedModel, clear: Sequence[Omnibus], accepted: Sequence[Accepted]) -> tuple[str, ...]:
-    """Return the accepted effects that a ``clear`` surface can imitate and whose gain is not clearly above its
-    excess.
+    """Return the accepted effects that are not clearly larger than a surface of ``clear`` that can imitate them.
+
+    The gain of the effect is compared with the excess of the surface test.
     """
     return tuple(
         one.effect
@@ -117,7 +118,7 @@ def vague(
 
 
 def _imitable(model: FittedModel, test: Omnibus, effect: str) -> bool:
-    """Return whether a surface removes most of the information of the data on an effect's amplitude."""
+    """Return whether the surface of ``test`` removes most of the information of the data on an effect's amplitude."""
     linearisation = model.linearisation
     place = linearisation.point.place_of_amplitude(effect)
     variance = linearisation.covariance()[place, place]
@@ -134,7 +135,9 @@ def _superfluous(
     select: Sequence[MeasuredRun],
     config: Config,
 ) -> bool:
-    """Return whether a surface explains nearly as much without the effects as with them."""
+    """Return whether a surface explains nearly as much without the effects as with them, also on the ``select``
+    runs.
+    """
     coefficients = surface_coordinates(test.surface)
     beside = model.point.extended(coefficients, [c.parameter.nominal for c in coefficients])
     alone = beside
@@ -152,8 +155,8 @@ def _superfluous(
 
 
 def _predicts(surface: FittedModel, neither: Point, select: Sequence[MeasuredRun]) -> bool:
-    """Return whether a surface, with its fitted coefficients, predicts the select runs better than a model without
-    it.
+    """Return whether a surface, with its fitted coefficients, predicts the select runs better than the model
+    ``neither`` without it.
     """
     nothing = fit(surface.replay, surface.noise, neither, surface.linearisation)
     return predict(surface, select, fixed=True).lpd > predict(nothing, select, fixed=True).lpd

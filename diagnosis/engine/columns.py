@@ -1,13 +1,14 @@
-"""Columns of a linear model on one run, packed: only samples that count, channel after channel, without empty rows.
+"""Sensitivities of the outputs of one run, one column per parameter. The columns are packed: they hold only samples
+that count, one channel after the other.
 
 Theory of operation
 -------------------
 About half of all samples are missing or do not count, and most columns change few channels: the zero of a sensor
 changes only its own channel, a leak on the left nothing on the right. So the samples that count are packed one channel
 after the other (`Packing`), and each channel stores only the columns that change it (`Trace`). Inner products are sums
-over channels, computed in double precision, also from single-precision columns. The inner products of each channel are
-cached while both columns exist, because many linearisations share columns, and white noise only divides them by a
-number.
+over channels. They are computed in double precision, even if the columns have single precision. The inner products of
+each channel are cached while both columns exist, because many linearisations share columns, and white noise only
+divides them by a number.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ class Packing:
         return slice(self.bounds[c], self.bounds[c + 1])
 
     def pack(self, values: AnyFloats) -> AnyFloats:
-        """Return the samples of ``values`` (n, c) that count (N,)."""
+        """Return the samples of ``values`` (n, c) that count, packed (N,)."""
         return values.ravel()[self.places]
 
     def spread(self, packed: Array) -> Array:
@@ -63,7 +64,9 @@ class Packing:
         return values.reshape(self.counted.shape)
 
     def blocks(self, length: int) -> Places:
-        """Return the borders (c, b + 1) of blocks of ``length`` instants among the packed samples of each channel."""
+        """Return the borders (c, b + 1) of blocks of ``length`` time steps, as indices into the packed samples of each
+        channel.
+        """
         ends = np.minimum(np.arange(0, len(self.counted) + length, length), len(self.counted))
         before = np.concatenate(
             (np.zeros((1, self.counted.shape[1]), np.intp), np.cumsum(self.counted, axis=0))
@@ -122,9 +125,9 @@ class Trace:
 
 
 class Columns:
-    """Sensitivities of one run to ``size`` numbers, as the traces of its channels; immutable.
+    """Sensitivities of one run to ``size`` parameters, as the traces of its channels; immutable.
 
-    `let_go` releases the memory of large ones; they cannot be used afterwards.
+    `let_go` releases their memory. They cannot be used afterwards.
     """
 
     def __init__(self, size: int, traces: Sequence[Trace]) -> None:
@@ -139,7 +142,7 @@ class Columns:
 
     @cached_property
     def gram(self) -> Array:
-        """Inner products (k, k)."""
+        """Inner products (k, k) of the columns with each other."""
         gram = np.zeros((self.size, self.size))
         for trace in self.traces:
             if len(trace.rows):
@@ -161,7 +164,9 @@ class Columns:
         return self.by_block(packed, np.array([(0, trace.values.shape[1]) for trace in self.traces]))[:, 0]
 
     def by_block(self, packed: Array, blocks: Places) -> Array:
-        """Return the inner products (k, b) with the samples of each block, given by channel (`Packing.blocks`)."""
+        """Return the inner products (k, b) with packed samples (N,) in each block. ``blocks`` (c, b + 1) are from
+        `Packing.blocks`.
+        """
         made = np.zeros((self.size, blocks.shape[1] - 1))
         for trace, inside, edges in zip(self.traces, self._slices, blocks, strict=True):
             products = np.empty((len(trace.rows), made.shape[1]))
@@ -170,14 +175,14 @@ class Columns:
         return made
 
     def along(self, numbers: Array) -> Array:
-        """Return the sum (N,) of all columns, each times its number."""
+        """Return the sum (N,) of all columns, each multiplied by its number."""
         made = np.empty(sum(trace.values.shape[1] for trace in self.traces))
         for trace, inside in zip(self.traces, self._slices, strict=True):
             weighted_sum(trace.scale * numbers[trace.rows], trace.values, made[inside])
         return made
 
     def plus(self, packed: Array, numbers: Array) -> Columns:
-        """Return the columns; to each, the packed samples (N,) times its number are added."""
+        """Return new columns: each column plus its number times the packed samples (N,)."""
         traces = []
         for trace, inside in zip(self.traces, self._slices, strict=True):
             values = np.outer(numbers, packed[inside])
@@ -186,7 +191,7 @@ class Columns:
         return Columns(self.size, traces)
 
     def chosen(self, places: Sequence[int]) -> Columns:
-        """Return the columns at ``places``, in this order. Neighbours are views, not copies."""
+        """Return the columns at ``places``, in this order. Adjacent columns are views of the data, not copies."""
         if list(places) == list(range(self.size)):
             return self
         order = np.full(self.size, -1)
@@ -202,13 +207,15 @@ class Columns:
         del self.traces
 
     def among(self, places: Sequence[int], size: int) -> Columns:
-        """Return ``size`` columns: these at ``places``, the others 0."""
+        """Return ``size`` columns: these columns at ``places``, and zeros elsewhere."""
         order = np.asarray(places, np.intp)
         return Columns(size, [replace(trace, rows=order[trace.rows]) for trace in self.traces])
 
 
 def _stretch(places: Places) -> Places | slice:
-    """Return increasing ``places`` as a slice, which makes a view, if they are neighbours."""
+    """Return increasing ``places`` as a slice if they are adjacent, so that indexing makes a view; otherwise
+    unchanged.
+    """
     if len(places) and places[-1] - places[0] == len(places) - 1:
         return slice(int(places[0]), int(places[-1]) + 1)
     return places
@@ -223,7 +230,7 @@ class JoinedColumns(Columns):
 
     @cached_property
     def gram(self) -> Array:
-        """Inner products (k, k)."""
+        """Inner products (k, k) of the columns with each other."""
         return np.block(
             [[one.gram if one is other else one.against(other) for other in self.parts] for one in self.parts]
         )
@@ -233,7 +240,9 @@ class JoinedColumns(Columns):
         return np.vstack([part.against(other) for part in self.parts])
 
     def by_block(self, packed: Array, blocks: Places) -> Array:
-        """Return the inner products (k, b) with the samples of each block, given by channel (`Packing.blocks`)."""
+        """Return the inner products (k, b) with packed samples (N,) in each block. ``blocks`` (c, b + 1) are from
+        `Packing.blocks`.
+        """
         return np.vstack([part.by_block(packed, blocks) for part in self.parts])
 
     def times(self, packed: Array) -> Array:
@@ -241,12 +250,12 @@ class JoinedColumns(Columns):
         return np.concatenate([part.times(packed) for part in self.parts])
 
     def along(self, numbers: Array) -> Array:
-        """Return the sum (N,) of all columns, each times its number."""
+        """Return the sum (N,) of all columns, each multiplied by its number."""
         split = np.split(numbers, self._ends[:-1])
         return np.asarray(sum(part.along(own) for part, own in zip(self.parts, split, strict=True)))
 
     def plus(self, packed: Array, numbers: Array) -> Columns:
-        """Return the columns; to each, the packed samples (N,) times its number are added."""
+        """Return new columns: each column plus its number times the packed samples (N,)."""
         split = np.split(numbers, self._ends[:-1])
         return JoinedColumns([part.plus(packed, own) for part, own in zip(self.parts, split, strict=True)])
 
@@ -303,7 +312,9 @@ def columns_of(packing: Packing, values: AnyFloats) -> Columns:
 
 
 def mixed(parts: Sequence[Columns], weights: Array) -> Columns:
-    """Return the sum of several sets of the same k columns, each column with its own ``weights`` (p, k)."""
+    """Return the weighted sum of ``parts``, which are sets of the same k columns; each column has its own ``weights``
+    (p, k).
+    """
     channels = zip(*(part.traces for part in parts), strict=True)
     return Columns(parts[0].size, [_mixed(channel, weights, room) for channel in channels])
 
@@ -322,8 +333,8 @@ def _mixed(parts: Sequence[Trace], weights: Array, zeros: Callable[..., AnyFloat
 
 
 def apart(first: Columns, second: Columns, scales: Array) -> Array:
-    """Return the sums of squares (k,) of the difference of two sets of k columns, channels scaled by ``scales``
-    (c,).
+    """Return the sums of squares (k,) of the difference between two sets of k columns, with channels scaled by
+    ``scales`` (c,).
     """
     signs = np.outer((1.0, -1.0), np.ones(first.size))
     # One channel after the other, in the same memory: else new pages would be allocated for each.

@@ -20,7 +20,7 @@ DISTINGUISHED: Final = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Config:
-    """Options of a caller. The published rates were measured with the defaults."""
+    """Options of a diagnosis that the caller may change. The published rates were measured with the defaults."""
 
     alpha: float = (
         0.003  #: step 5: probability that any score exceeds the threshold in data that hold nothing

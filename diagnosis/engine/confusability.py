@@ -40,11 +40,11 @@ from diagnosis.finding import Confusability, Pair, Unseen
 
 
 def confusability(screening: Screening) -> Confusability:
-    """Return the cosines of the footprints of all pairs of effects, at the points of their grids with the largest
-    cosine.
+    """Return the cosines between the footprints of all pairs of effects. For each pair, use the points of their grids
+    with the largest cosine.
 
-    λ is that of an effect as large as its prior spread. The predicted BIC gap to another effect that is fitted instead
-    of it is λ²(1 − cosine²). Below 10 the pair is called inseparable.
+    λ is computed for an effect as large as its prior spread. If another effect is fitted instead of it, the predicted
+    BIC gap is λ²(1 − cosine²). Below 10 the pair is called inseparable.
     """
     names = list(dict.fromkeys(c.effect.name for c in screening.candidates))
     places = {n: [i for i, c in enumerate(screening.candidates) if c.effect.name == n] for n in names}
@@ -72,13 +72,15 @@ def confusability(screening: Screening) -> Confusability:
 
 
 def typical(screening: Screening) -> Array:
-    """Return λ (m,) of every candidate with an amplitude as large as its prior spread."""
+    """Return λ (m,) of every candidate, for an amplitude as large as its prior spread."""
     return screening.root_information * np.array([c.effect.amplitude.spread for c in screening.candidates])
 
 
 @dataclass(frozen=True, slots=True)
 class Company:
-    """The context of a further effect: χ² explained by the causes, number of samples, ratio of error to noise."""
+    """The model to which a further effect is added: χ² explained by its causes, number of samples, ratio of error to
+    noise.
+    """
 
     explained: float
     samples: int
@@ -101,8 +103,8 @@ def unseen(
 ) -> list[Unseen]:
     """Return for each effect that was not found the smallest size that would be found in 95 % of cases.
 
-    The size holds for the point of the grid where the effect is most visible. The scores were projected on
-    ``model``.
+    The size is for the point of the grid where the effect is most visible. ``screening`` holds the scores after
+    projection on ``model``.
     """
     names = [n for n in dict.fromkeys(c.effect.name for c in screening.candidates) if n not in found]
     result = []

@@ -49,8 +49,8 @@ def owed_to_form(model: FittedModel, accepted: Sequence[Accepted]) -> tuple[str,
 
 
 def inconstancy(model: FittedModel, effect: str) -> float:
-    """Return the χ² of separate amplitudes per stretch in excess of rigs without hidden effects; 0 if not
-    significant.
+    """Return how much χ² a separate amplitude in each stretch explains beyond the value for rigs without hidden
+    effects; 0 if not significant.
     """
     scatter = model.replay.simulator.catalogue[effect].overdispersion
     found = 0.0
@@ -61,7 +61,9 @@ def inconstancy(model: FittedModel, effect: str) -> float:
 
 
 def changes(model: FittedModel, effect: str) -> list[tuple[float, float]]:
-    """Return, for each number of stretches, the χ² that separate amplitudes would explain, and its mean by chance."""
+    """Return two numbers for each division of the runs into stretches: the χ² that separate amplitudes explain, and its
+    mean by chance.
+    """
     linearisation = model.linearisation
     directions = _directions(linearisation, effect)
     covariance = inverse(linearisation.information)
@@ -106,7 +108,7 @@ def _stretches(block: Block, directions: Array) -> Array:
 
 
 def _merged(values: Array, parts: int) -> Array:
-    """Return sums over neighbours, so that ``parts`` values are left."""
+    """Return the sums over groups of adjacent values, so that ``parts`` sums remain."""
     merged: Array = values.reshape(parts, len(values) // parts, *values.shape[1:]).sum(axis=1)
     return merged
 

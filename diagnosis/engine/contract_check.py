@@ -58,7 +58,7 @@ def check_contract(simulator: Simulator, experiment: Experiment) -> None:
 
 
 def _check_declarations(simulator: Simulator) -> None:
-    """Raise DiagnosisError for names that collide and for numbers that contradict each other."""
+    """Raise DiagnosisError if names collide or if numbers in the declarations contradict each other."""
     for name, effect in simulator.catalogue.items():
         where = f"{simulator.name}: the effect {name}"
         if effect.name != name:
@@ -110,7 +110,7 @@ def _parameters(simulator: Simulator) -> Iterator[Parameter]:
 
 
 def _beginning(experiment: Experiment) -> Experiment:
-    """Return the first samples of an experiment as read-only arrays."""
+    """Return the first samples of an experiment. The arrays are read-only, so that a simulator cannot change them."""
     inputs = {name: values[:CHECKED_SAMPLES].copy() for name, values in experiment.inputs.items()}
     for values in inputs.values():
         values.setflags(write=False)
@@ -226,7 +226,9 @@ def _share(part: Array, whole: Array) -> str:
 
 
 def _size(parameter: Parameter) -> float:
-    """The expected deviation of a parameter from its nominal value."""
+    """Return the expected deviation of a parameter from its nominal value: its spread, or some steps if it has no
+    prior.
+    """
     return parameter.spread if 0.0 < parameter.spread < np.inf else STEPS_OF_SIZE * parameter.step
 
 

@@ -93,10 +93,11 @@ def diagnose(
     menu: Sequence[Experiment] = (),
     checks: CheckFigures | None = None,
 ) -> Finding:
-    """Find the effects that the simulator lacks, their uncertainty, and the gain in prediction by adding them.
+    """Return a finding: the effects that the simulator lacks, their uncertainty, and how much they improve the
+    prediction.
 
     If all runs have the same role, ``split`` assigns roles. ``menu`` holds runs that the rig could do next, each with
-    its minutes. ``checks`` compute the figures of plans that the models predict.
+    its duration in minutes. ``checks`` compute the figures of test plans, which the models predict.
 
     Raises ``DiagnosisError`` for data or a request that cannot be diagnosed.
     """
@@ -224,7 +225,9 @@ def _reported(
 def _worthwhile(
     judgement: Judgement, runs: Sequence[MeasuredRun], config: Config
 ) -> tuple[Judgement, Prediction]:
-    """Return the judgement and its prediction of unseen runs, without surfaces that make the prediction worse."""
+    """Return the judgement and its prediction of unseen ``runs``. Surfaces are removed from the model if they make this
+    prediction worse.
+    """
     after, named = predict(judgement.model, runs, fixed=True), judgement.screened.model
     if judgement.model is named:
         return judgement, after
@@ -238,7 +241,7 @@ def _worthwhile(
 def _differing(
     judged: Verdict, verdict: Verdict, models: tuple[FittedModel, FittedModel], data: Dataset, floors: Array
 ) -> str:
-    """Return a sentence if the report runs changed the verdict; otherwise ""."""
+    """Return a sentence if the report runs changed the verdict of the select runs; otherwise ""."""
     select = data.of("select")
     if verdict is judged or not data.of("report") or not select:
         return ""
@@ -256,7 +259,9 @@ def _differing(
 def _errors(
     role: Role, model: FittedModel, after: Prediction
 ) -> list[tuple[Role, list[tuple[MeasuredRun, Array]]]]:
-    """Return the residuals of a model on its fit runs, and of a prediction on its runs."""
+    """Return the residuals of a model on its fit runs, and of the prediction ``after`` on its runs, each with
+    the role.
+    """
     there = {"fit": (model.replay.runs, model.predictions), role: (after.replay.runs, after.outputs)}
     return [
         (one, [(run, run.outputs - outputs) for run, outputs in zip(runs, predicted, strict=True)])
@@ -301,7 +306,7 @@ def _causes(
     left: Remainder,
     config: Config,
 ) -> list[Cause]:
-    """Return the accepted causes for the finding, each with the laws of its phenomenon that fit equally well."""
+    """Return the accepted causes for the finding, each with other laws of the same phenomenon that fit equally well."""
     fits = indistinguishable_laws(found, hypotheses, config.ambiguous, config.rough)
     causes = []
     for one in found.accepted:
@@ -314,7 +319,7 @@ def _causes(
 
 
 def _base_model(found: SearchResult, extended: FittedModel, named: FittedModel) -> FittedModel:
-    """Fit the base model under the noise of the extended one, starting from its last fit."""
+    """Fit the base model under the noise of the extended model, from the last fit of the base model if there is one."""
     point = without_effects(extended.point)
     near = next((one for one in found.without.values() if not one.effects), None)
     if near is None:

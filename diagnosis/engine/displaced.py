@@ -44,7 +44,9 @@ INSTEAD: Final = "the model without it predicts the select runs better"
 
 
 def without_substitutes(problem: Problem, first: Judgement) -> Judgement:
-    """Return a judgement, or a better one with a removed cause in place of its substitutes."""
+    """Return a judgement in which a removed cause is restored in place of its substitutes, if this is better; otherwise
+    ``first``.
+    """
     if not problem.select:
         return first
     out = _substitutes(problem, first)
@@ -67,14 +69,18 @@ def without_substitutes(problem: Problem, first: Judgement) -> Judgement:
 
 
 def _substitutes(problem: Problem, first: Judgement) -> set[str]:
-    """Return the effects to leave out, if a removed cause alone predicts better than the judgement; usually none."""
+    """Return the effects to remove from the search, if one removed cause alone predicts better than the judgement;
+    usually none.
+    """
     cause = _best_single_cause(problem, first)
     state = first.found.state
     return {*state.left, *state.beside[cause], *first.found.model.effects} - {cause} if cause else set()
 
 
 def _in_the_place_of(first: Judgement) -> set[str]:
-    """Return the accepted effect most similar to one that was removed beside it and still scores; usually none."""
+    """Return one accepted effect, or none: the one most similar to an effect that was removed beside it and still has a
+    high score.
+    """
     state, screening = first.found.state, first.screened.screening
     scoring = [screening.candidates[i].effect.name for i in screening.exceeding]
     initial = first.found.steps[0].screening
@@ -88,7 +94,7 @@ def _in_the_place_of(first: Judgement) -> set[str]:
 
 
 def _best_single_cause(problem: Problem, first: Judgement) -> str:
-    """Return the removed cause that alone predicts the select runs best, if better than the judgement; else ""."""
+    """Return the removed cause that alone predicts the select runs best; "" if the judgement predicts them better."""
     state, model, floors = first.found.state, first.screened.model, first.found.floors
     errors = {}
     left = (one for one, others in state.beside.items() if others and one not in model.effects)
@@ -107,12 +113,14 @@ def _best_single_cause(problem: Problem, first: Judgement) -> str:
 
 
 def _error(model: FittedModel, floors: Array, runs: Sequence[MeasuredRun]) -> float:
-    """Return the ratio of error to noise of a model, as fitted, on ``runs``."""
+    """Return the ratio of error to noise of a fitted model on ``runs``."""
     return noise_ratio(predict(model, runs, fixed=True), floors)
 
 
 def _restored(problem: Problem, first: Judgement, found: SearchResult, out: set[str]) -> SearchResult:
-    """Return the result of a search without the effects ``out``, scored and tested with them again."""
+    """Return the result of a search without the effects ``out``, after scores and gates are computed again with all
+    effects.
+    """
     left = {name: first.found.state.left.get(name, INSTEAD) for name in out}
     state = replace(
         found.state,

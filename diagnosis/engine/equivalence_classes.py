@@ -38,9 +38,10 @@ def alike_laws(hypotheses: Mapping[str, Hypothesis], name: str) -> list[str]:
 def indistinguishable_laws(
     found: SearchResult, hypotheses: Mapping[str, Hypothesis], gap: float, rough: float
 ) -> dict[str, list[Trial]]:
-    """Return, by accepted effect, the fits of other laws that the data do not distinguish from it, best first.
+    """Return for each accepted effect the fits of other laws of its phenomenon that the data do not distinguish from
+    it, best first.
 
-    ``gap`` is the gap of χ² that a verdict requires, ``rough`` the error of an equation as a part of λ.
+    ``gap`` is the gap of χ² that a verdict requires. ``rough`` is the error of an equation as a part of λ.
     """
     return {
         one.effect: [
@@ -58,7 +59,9 @@ def indistinguishable_laws(
 
 
 def _became(richer: Hypothesis, trial: Trial, poorer: Hypothesis) -> bool:
-    """Return whether the fit of a richer law equals the poorer one, because a shape is at the end of its range."""
+    """Return whether the fit of a richer law equals the poorer one, because one of its shapes is at the end of the
+    range.
+    """
     if len(richer.shapes) <= len(poorer.shapes):
         return False
     places = [trial.point.place(Coordinate(shape, richer.name)) for shape in richer.shapes]

@@ -24,9 +24,11 @@ from diagnosis.engine.search_state import CurrentModel, Problem
 
 
 def richer_surcharge(problem: Problem, name: str, model: FittedModel, current: CurrentModel) -> float:
-    """Return the χ² that a richer member of a family could gain only because the poorer member is inexact.
+    """Return the χ² that a richer member of a family could gain only because the equation of the poorer member is
+    inexact.
 
-    0 for an effect that is no richer member. The surcharge is added to the BIC of ``model``, which includes the effect.
+    The surcharge is added to the BIC of ``model``, which includes the effect ``name``. It is 0 if this effect is no
+    richer member.
     """
     if not any(name in effect.richer for effect in problem.hypotheses.values()):
         return 0.0
@@ -35,8 +37,8 @@ def richer_surcharge(problem: Problem, name: str, model: FittedModel, current: C
 
 
 def richer_members(problem: Problem, old: str, inside: tuple[str, ...]) -> list[str]:
-    """Return effects outside of the model that include an accepted effect, or include one that is easily confused with
-    it.
+    """Return the effects not in the model that are richer forms of the accepted effect ``old`` or of one of its
+    confusers.
     """
     relatives = [name for name in (old, *problem.hypotheses[old].confusers) if name in problem.hypotheses]
     richer = dict.fromkeys(name for relative in relatives for name in problem.hypotheses[relative].richer)

@@ -63,7 +63,9 @@ REACH: Final = math.sqrt(SIZES[1] / SIZES[0])
 
 
 class _Start(NamedTuple):
-    """A start point for the fit of an effect, and the reduction of χ² by the linear model from there."""
+    """A start point for the fit of an effect. ``gain`` is the reduction of χ² that the linear model predicts from
+    there.
+    """
 
     gain: float
     point: Point
@@ -75,7 +77,7 @@ def far_above_noise(state: SearchState) -> bool:
 
 
 def plainly(problem: Problem, state: SearchState) -> SearchState:
-    """Return the state with its model fitted again by plain least squares, as the new reference for explained χ²."""
+    """Return the state with its model fitted again by plain least squares. The explained χ² counts from this fit."""
     model = state.current.model
     plain = fit(problem.replay, plain_noise(model), model.point, model.linearisation)
     current = replace(state.current, model=plain, prediction=predicted(problem, plain), explained_chi2=0.0)
@@ -83,7 +85,8 @@ def plainly(problem: Problem, state: SearchState) -> SearchState:
 
 
 def try_finite_sizes(problem: Problem, state: SearchState, known: Sequence[Trial]) -> tuple[Trial, ...]:
-    """Fit candidates from finite amplitudes together with a model from `plainly`; best BIC first.
+    """Fit each candidate, started at finite amplitudes, together with a model from `plainly`. Return the trials, best
+    BIC first.
 
     Candidates with ``known`` trials have failed a gate before, so their limits are stricter.
     """
@@ -105,7 +108,7 @@ def try_finite_sizes(problem: Problem, state: SearchState, known: Sequence[Trial
 
 
 def _best(problem: Problem, model: FittedModel, effect: Hypothesis) -> _Start | None:
-    """Return the best start of one effect together with a model; None if its simulations fail."""
+    """Return the best start point for one effect in addition to a model; None if its simulations fail."""
     replay, known = problem.replay, len(model.point.numbers)
     steps = [step for one in candidates([effect]) for step in _amplitudes(one.added_to(model.point), known)]
     base = replay.base(model.point, model.predictions, [len(steps)] * len(replay.runs))
@@ -150,7 +153,9 @@ def _amplitudes(flat: Point, place: int) -> Iterator[tuple[Point, float]]:
 
 
 def _finite(replay: Replay, start: Point, simulated: Point) -> Point:
-    """Return ``start``; if outputs are not finite there, ``simulated``, in which the other numbers have not moved."""
+    """Return ``start`` if all outputs are finite there; otherwise ``simulated``, where only the amplitude differs from
+    the model.
+    """
     outputs = replay.predictions(start)
     fine = (np.isfinite(one[run.counted]).all() for run, one in zip(replay.runs, outputs, strict=True))
     return start if all(fine) else simulated

@@ -54,7 +54,7 @@ class Candidate:
 
     @property
     def imitated(self) -> float:
-        """The amplitude that errors of the simulator can imitate with these shapes."""
+        """The amplitude that errors of the simulator can imitate at this point of the grid."""
         return self.effect.imitated[self.effect.grid.index(self.shapes)] if self.effect.imitated else 0.0
 
 
@@ -103,7 +103,8 @@ def footprints(replay: Replay, point: Point, tried: Sequence[Candidate]) -> Foot
 
 
 def confirmed(replay: Replay, around: Footprints, places: Sequence[int], norms: Array) -> Footprints:
-    """Return the footprints; those at ``places`` are computed again without a jump of the simulator.
+    """Return the footprints. Those at ``places`` are computed again with shorter steps, so that a jump of the simulator
+    has no effect.
 
     ``norms`` (m,) are the norms of all whitened and projected footprints. A jump is measured relative to them.
     """
@@ -137,7 +138,7 @@ def confirmed(replay: Replay, around: Footprints, places: Sequence[int], norms: 
 
 
 def with_surfaces(replay: Replay, around: Footprints) -> Footprints:
-    """Return the footprints, with those of each coefficient of each surface of the simulator."""
+    """Return the footprints, extended by those of each coefficient of each surface of the simulator."""
     surfaces, runs = replay.simulator.surfaces, len(replay.runs)
     most = max((len(surface.coefficients) for surface in surfaces), default=0)
     base = replay.base(around.point, around.predictions, [most] * runs)
@@ -148,8 +149,8 @@ def with_surfaces(replay: Replay, around: Footprints) -> Footprints:
 
 
 def joined(first: Footprints, second: Footprints) -> Footprints:
-    """Return the footprints on the runs of both. The second point is the first one with the nuisances of further
-    runs.
+    """Return the footprints on the runs of both. The point of ``second`` is that of ``first`` plus the nuisances of its
+    further runs.
     """
     return Footprints(
         second.point,

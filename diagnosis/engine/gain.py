@@ -33,7 +33,9 @@ DRAWN, BINS, POINTS = 6, 250, 400
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """The gain in every channel and in all, the coverage of the predictions, and curves for drawings."""
+    """Comparison of two models: the gain in each channel and in all channels, the coverage of the predictions, and
+    curves for drawings.
+    """
 
     gains: list[Gain] = field(default_factory=list)
     coverage: list[Coverage] = field(default_factory=list)
@@ -45,14 +47,16 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Arms:
-    """The report runs with both predictions (n, c); errors are NaN where a sample does not count."""
+    """The report runs with the predictions (n, c) of both models."""
 
     runs: tuple[MeasuredRun, ...]
     outputs: tuple[tuple[Array, ...], tuple[Array, ...]]
     noise: Array
 
     def errors(self, arm: int) -> list[Array]:
-        """Return measured minus predicted values (n, c) of each run."""
+        """Return measured minus predicted values (n, c) of each run for one model (``arm``: 0 before, 1 after); NaN
+        where a sample does not count.
+        """
         return [
             np.where(run.counted, run.outputs - predicted, np.nan)
             for run, predicted in zip(self.runs, self.outputs[arm], strict=True)
@@ -132,14 +136,16 @@ def _sums(before: Array, after: Array) -> Array:
 
 
 def _fraction(total: Array, floor: float) -> Array:
-    """Return (RMSE0² − RMSE1²)/(RMSE0² − floor²) of sums (…, 3), at most 1: an error below the noise is chance."""
+    """Return (RMSE0² − RMSE1²)/(RMSE0² − floor²) from sums (…, 3). It is limited to 1, because an error below the noise
+    is chance.
+    """
     left = total[..., 0] - floor**2 * total[..., 2]
     gone = np.minimum(total[..., 0] - total[..., 1], left)
     return np.divide(gone, left, out=np.full_like(left, np.nan), where=left > 0.0)
 
 
 def _interval(sums: Array, floor: float, rng: np.random.Generator) -> tuple[float, float]:
-    """Return the 95 % interval of the fraction by a bootstrap of runs; of blocks if there are few runs."""
+    """Return the 95 % interval of the gain fraction, by a bootstrap of runs, or of blocks if there are few runs."""
     units = sums.sum(axis=1) if len(sums) >= LEAST_REPEATS else sums.reshape(-1, 3)
     units = units[units[:, 2] > 0]
     drawn = units[rng.integers(len(units), size=(BOOTSTRAPS, len(units)))].sum(axis=1)
@@ -148,7 +154,9 @@ def _interval(sums: Array, floor: float, rng: np.random.Generator) -> tuple[floa
 
 
 def _coverage(errors: Sequence[Sequence[Array]], noise: Array) -> list[Coverage]:
-    """Return the share of samples, over all channels, within the noise around the prediction."""
+    """Return for each nominal level the share of samples, over all channels, inside the predicted interval of both
+    models.
+    """
     sizes = [np.abs(np.concatenate([(e / noise)[np.isfinite(e)] for e in arm])) for arm in errors]
     if not sizes[0].size:
         return []
@@ -165,7 +173,9 @@ def _coverage(errors: Sequence[Sequence[Array]], noise: Array) -> list[Coverage]
 def _traces(
     channels: Sequence[Channel], arms: _Arms, errors: Sequence[Sequence[Array]], gains: Sequence[Gain]
 ) -> list[Trace]:
-    """Return the channels with the largest error before, each in the run with its largest error."""
+    """Return curves of the channels with the largest errors of the base model, each in the run with its largest
+    error.
+    """
     order = sorted(range(len(gains)), key=lambda c: -(gains[c].noise_ratio_before or 0.0))[:DRAWN]
     return [
         _trace(channels[c], arms, errors, c) for c in order if np.isfinite(gains[c].rmse_before or np.nan)
@@ -240,7 +250,7 @@ def _width(coordinate: Coordinate, value: float, deviation: float) -> float | No
 
 
 def models(before: FittedModel, after: FittedModel, reported: Comparison) -> Models:
-    """Return both models with their SI values, and the parameters that the reported runs fitted for themselves."""
+    """Return both models with their SI values, and the parameters that were fitted to each report run."""
     return Models(
         before=_shared(before.point),
         after=_shared(after.point),

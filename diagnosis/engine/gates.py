@@ -70,10 +70,10 @@ def useless(
 
 
 def unphysical(model: FittedModel, base: FittedModel) -> str:
-    """Return a clause on an unphysical result of a fit that the fit of ``base`` does not have; "" if nothing.
+    """Return a clause on an unphysical result of a fit that the fit of ``base`` does not have; "" if there is none.
 
     A number of any effect is unphysical if the data push it out of its range, because a new effect must not make
-    another one impossible. A base parameter is unphysical if it moves further from its prior.
+    another one impossible. A base parameter is unphysical if it moves further from its prior than allowed.
     """
     strained = {c: abs(u) for c, u in zip(base.point.coordinates, base.point.numbers, strict=True)}
     for coordinate, number in zip(model.point.coordinates, model.point.numbers, strict=True):
@@ -88,7 +88,7 @@ def unphysical(model: FittedModel, base: FittedModel) -> str:
 
 
 def out_of_range(model: FittedModel) -> dict[Coordinate, str]:
-    """Return the numbers of effects that the data push out of their ranges, each with a sentence."""
+    """Return the numbers of effects that the data push out of their ranges, each with a clause for the report."""
     fitted = model.linearisation
     found = {}
     for i, (coordinate, number) in enumerate(
@@ -117,10 +117,10 @@ def _shown(coordinate: Coordinate, number: float) -> str:
 
 
 def merely_rough(gained: float, explained: float, threshold: float, config: Config) -> str:
-    """Return why a further cause may be only an error of the accepted causes; "" if it is larger.
+    """Return why a further cause may be only an error in the equations of the accepted causes; "" if it is larger.
 
-    ``gained`` is the penalised χ² that it explains, ``explained`` that of the accepted causes, ``threshold`` the
-    threshold of the scores: the gain beyond the roughness must be significant.
+    ``gained`` is the penalised χ² that the further cause explains, ``explained`` that of the accepted causes.
+    ``threshold`` is the threshold of the scores: the gain beyond the roughness must be significant.
     """
     gained = max(gained, 0.0)
     if not explained or gained >= config.rough**2 * explained + threshold**2:
@@ -165,8 +165,9 @@ def explains_too_little(
 def noise_floors(channels: Sequence[Channel], runs: Sequence[MeasuredRun], noise: Noise) -> Array:
     """Return the standard deviation (c,) of the noise alone in each channel.
 
-    It is taken from stretches at rest, else from the data sheet, else from the unpredictable part between samples. A
-    line is subtracted from each stretch, which also removes a part of coloured noise; ``noise`` gives the correction.
+    It is taken from stretches at rest. Without these it is taken from the data sheet, or else from the innovation of
+    ``noise``. A line is subtracted from each stretch, which also removes a part of coloured noise; ``noise`` gives the
+    correction.
     """
     floors = []
     for i, (channel, seen) in enumerate(zip(channels, noise.channels, strict=True)):
@@ -184,8 +185,8 @@ def noise_floors(channels: Sequence[Channel], runs: Sequence[MeasuredRun], noise
 def not_above(floors: Array, model: FittedModel, unseen: Prediction | None = None) -> Array:
     """Return noise floors (c,), limited to the residual of a model on its fit runs.
 
-    They are also limited to the residual on ``unseen`` runs, where that is clearly smaller. A data sheet is an upper
-    bound, and a rig assumed at rest may have moved. Noise cannot be larger than all errors.
+    They are also limited to the residual on ``unseen`` runs if that is clearly smaller. Noise cannot be larger than the
+    whole error. But a data sheet gives an upper bound, and a rig that was assumed at rest may have moved.
     """
     channels = range(len(floors))
     left = np.sqrt([_mean_square(model.replay.runs, model.predictions, i) for i in channels])
@@ -197,7 +198,9 @@ def not_above(floors: Array, model: FittedModel, unseen: Prediction | None = Non
 
 
 def rests(run: MeasuredRun, channel: int) -> list[slice]:
-    """Return the sufficiently long stretches at rest of one channel. The place of rest may differ between stretches."""
+    """Return the stretches of one channel at rest that are long enough. The position may differ between the
+    stretches.
+    """
     still = np.concatenate(([False], run.rest & run.counted[:, channel], [False]))
     borders = np.flatnonzero(still[1:] != still[:-1]).reshape(-1, 2)
     return [slice(start, stop) for start, stop in borders.tolist() if stop - start >= LEAST_AT_REST]

@@ -53,7 +53,9 @@ class Misfit(NamedTuple):
 
 
 class Line(NamedTuple):
-    """A sine in a series: frequency, share of the power, and probability of an equally clear line by chance."""
+    """A sine in a series: ``frequency`` in Hz, ``part`` of the power, and the probability ``p`` of an equally clear
+    line by chance.
+    """
 
     frequency: float
     part: float
@@ -85,8 +87,8 @@ def misfits(
 
 
 def _misfit(channel: str, role: Role, series: Sequence[tuple[Array, float]], floor: float) -> Misfit | None:
-    """Compare the errors of one channel, given as series with sampling intervals, with its noise; None if they
-    agree.
+    """Compare the errors of one channel with its noise. ``series`` holds the errors of each run with the sampling
+    interval. None if the series are too short or the noise is unknown.
     """
     series = [(values, step) for values, step in series if len(values) >= 2 * LJUNG_BOX_LAGS]
     if not series or not floor > 0.0:
@@ -100,7 +102,9 @@ def _misfit(channel: str, role: Role, series: Sequence[tuple[Array, float]], flo
 
 
 def _kind(series: Sequence[tuple[Array, float]], floor: float, ratio: float) -> str:
-    """Return the kind of error of a channel: a sine, a random walk, an error with memory; "" if it is white."""
+    """Return the kind of error of a channel as a phrase: a sine, a slow random drift, or an autocorrelation; "" if it
+    is white.
+    """
     values, step = max(series, key=lambda one: float(np.mean(one[0] ** 2)))
     excess = 1.0 - 1.0 / max(ratio, 1.0) ** 2
     line = strongest_line(values, step)
@@ -149,7 +153,7 @@ def strongest_line(values: Array, step: float) -> Line:
 
 
 def _lasts(values: Array, step: float, frequency: float) -> bool:
-    """Return whether a sine is nearly as strong in the second half of a series as in the first. Vibrations decay
+    """Return whether a sine is about as strong in the second half of a series as in the first. A free vibration decays
     instead.
     """
     half = len(values) // 2
@@ -198,7 +202,7 @@ def _rests(runs: Sequence[MeasuredRun], channel: int) -> Iterator[tuple[Array, f
 
 
 def _series(run: MeasuredRun, left: Array, channel: int) -> tuple[Array, float]:
-    """Return the samples of an error that count, in order, and the sampling interval."""
+    """Return the samples of an error that count, in order of time, and the sampling interval in s."""
     return left[run.counted[:, channel], channel], run.experiment.step
 
 

@@ -1,14 +1,15 @@
-"""Identification: estimate all parameters of a simulator from runs and priors, and the accuracy from future runs.
+"""Identification: estimate all parameters of a simulator from runs and priors, and predict the accuracy with further
+runs.
 
 Theory of operation
 -------------------
 Identification is the first part of a diagnosis, without effects: the base model is fitted (step 2) with wide priors
 under the noise of its residual (step 3). The surfaces of step 7 show the errors of its equations, and the scatter
 between runs shows its other errors. Both widen the intervals (`model_error.py`). If the interval of a parameter is much
-narrower than its prior, these runs determine it. The value of any other parameter is its prior.
+narrower than its prior, these runs determine the parameter. Otherwise its value is little more than its prior.
 
-The same linear model predicts the accuracy from future runs. Their columns, under the noise of the existing runs or of
-the data sheets, add information to that of the priors and runs.
+The same linear model predicts the accuracy with further runs. The columns of these runs add information to that of the
+priors and the existing runs. Their noise is that of the existing runs or of the data sheets.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ class Identified:
 
     @property
     def share(self) -> float:
-        """The remaining part of the prior standard deviation."""
+        """The standard deviation after the runs as a part of that of the prior."""
         return self.deviation / self.parameter.spread
 
     @property
@@ -63,7 +64,7 @@ class Identified:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identification:
-    """A fitted model, and the covariance (k, k) of its numbers including errors of the model.
+    """A fitted model, and the covariance (k, k) of its numbers. The covariance includes errors of the model.
 
     ``doubts`` are sentences on contradictions between the data and the assumptions.
     """
@@ -87,7 +88,9 @@ class Identification:
         )
 
     def joint(self, names: Sequence[str]) -> tuple[Array, Array]:
-        """Return values (m,) and covariance (m, m) of shared parameters that are not logarithmic, in SI."""
+        """Return values (m,) and covariance (m, m) of the named parameters in SI. They must be shared by all runs and
+        not logarithmic.
+        """
         coordinates = self.model.point.coordinates
         places = [next(k for k, c in enumerate(coordinates) if c.parameter.name == name) for name in names]
         scales = np.array([coordinates[k].scale for k in places])
@@ -140,9 +143,9 @@ def _of_form(screened: ScreenedModel) -> Iterator[str]:
 
 
 def believed(simulator: Simulator, experiments: Sequence[Experiment], *, workers: int = 2) -> Identification:
-    """Return the expected identification from ``experiments`` that are only planned, with sensors by their data sheets.
+    """Return the expected identification from planned ``experiments`` alone, with the sensor noise of the data sheets.
 
-    Values are the assumed ones.
+    The values are the nominal ones; only the covariance is of interest.
     """
     blank = Replay(completed(simulator), tuple(_blank(one, simulator) for one in experiments), workers)
     point = base_point(simulator.nuisances, blank.records)
@@ -161,7 +164,7 @@ def expected(known: Identification, experiments: Sequence[Experiment]) -> Identi
 
 
 def _linear(replay: Replay, noise: Noise, point: Point, prior: Prior) -> FittedModel:
-    """Return a linear model at a point, as if fitted to runs whose outputs equal its predictions."""
+    """Return the linear model at a point as a fitted model, for runs whose outputs equal its predictions."""
     predictions = replay.predictions(point)
     whiten = filters(noise, replay.runs)
     linear = linearise(replay, whiten, point, predictions, prior.times(noise.dispersion))
@@ -169,7 +172,7 @@ def _linear(replay: Replay, noise: Noise, point: Point, prior: Prior) -> FittedM
 
 
 def _foreseen(replay: Replay, point: Point) -> Replay:
-    """Return runs whose outputs are the predictions of a model; NaN where the record would not count them."""
+    """Return the runs with the predictions of a model as outputs; NaN where a sample would not count in a record."""
     simulator = replay.simulator
     runs = []
     for run, outputs in zip(replay.runs, replay.predictions(point), strict=True):

@@ -72,7 +72,7 @@ def resolution(model: FittedModel, place: int) -> float:
 
 
 def _input(experiment: Experiment, name: str) -> Array:
-    """Return the time of an experiment, or one of its inputs (n,)."""
+    """Return an input (n,) of an experiment by name, or its time. Raises DiagnosisError for an unknown name."""
     if name == "time":
         return experiment.time
     if name not in experiment.inputs:
@@ -93,14 +93,14 @@ def below_resolution(model: FittedModel, effect: Hypothesis) -> list[str]:
 def profiled(model: FittedModel, place: int, wider: float = 1.0) -> tuple[float, float]:
     """Return the ends of the 95 % interval of a number of a fit from the profile of χ², in engine units.
 
-    The interval is ``wider`` than that by noise alone, by this factor.
+    ``wider`` is the factor by which errors of the model widen the interval.
     """
     return _end(model, place, -1.0, wider), _end(model, place, 1.0, wider)
 
 
 def _end(model: FittedModel, place: int, side: float, wider: float) -> float:
-    """Return the end of the interval on one side: that of the covariance if χ² agrees within a fifth, else that of
-    χ².
+    """Return one end of the interval. It is that of the covariance if χ² there agrees within a fifth; otherwise it is
+    searched on χ².
     """
     number = float(model.point.numbers[place])
     low, high = model.point.coordinates[place].range

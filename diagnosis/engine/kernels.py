@@ -1,4 +1,4 @@
-"""Compiled loops over all samples, which numpy has no function for. They release the interpreter lock."""
+"""Compiled loops over all samples, for operations that numpy does not have. They release the interpreter lock."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ import numpy as np
 
 @numba.njit(cache=True, nogil=True)
 def filter_rows(values: Any, starts: Any, which: Any, weights: Any, reach: Any, out: Any) -> None:
-    """Filter each row of ``values`` (m, n) with an autoregressive filter that changes between stretches.
+    """Filter each row of ``values`` (m, n) with an autoregressive filter whose weights change between stretches. Write
+    to ``out``.
 
-    Each stretch uses the row of ``weights`` at ``which``, for this sample and its predecessors. The inner loops run
-    along time so that the compiler vectorises them.
+    ``which`` gives for each stretch its row of ``weights``, which apply to a sample and its predecessors. The inner
+    loops run along time so that the compiler vectorises them.
     """
     line = np.empty(values.shape[1])
     for k in range(values.shape[0]):
@@ -35,8 +36,8 @@ def quotients(
 ) -> None:
     """Write (outputs − predictions)/distance of the samples (N,) that count to ``out``.
 
-    ``moved`` (c,) receives which channels are not 0. ``outputs`` and ``predictions`` are (c, n); ``instants`` (N,) and
-    ``bounds`` (c + 1,) are those of a packing.
+    ``moved`` (c,) is set to True for channels in which a quotient is not 0. ``outputs`` and ``predictions`` are (c, n);
+    ``instants`` (N,) and ``bounds`` (c + 1,) are those of a packing.
     """
     for c in range(len(moved)):
         after, before = outputs[c], predictions[c]
@@ -51,9 +52,10 @@ def quotients(
 
 @numba.njit(cache=True, nogil=True)
 def block_products(values: Any, samples: Any, edges: Any, out: Any) -> None:
-    """Write the inner products (m, b) of each row (n,) of ``values`` with ``samples`` (n,), between ``edges`` (b + 1,).
+    """Write to ``out`` (m, b) the inner products of each row (n,) of ``values`` with ``samples`` (n,), between
+    ``edges`` (b + 1,).
 
-    Four sums in double precision run in parallel, so that the processor computes them at once.
+    Four sums in double precision are independent of each other, so that the processor computes them in parallel.
     """
     for k in range(values.shape[0]):
         row = values[k]
@@ -73,7 +75,9 @@ def block_products(values: Any, samples: Any, edges: Any, out: Any) -> None:
 
 @numba.njit(cache=True, nogil=True)
 def weighted_sum(numbers: Any, values: Any, out: Any) -> None:
-    """Write the sum (n,) of all rows of ``values`` (m, n), each times its number, in double precision."""
+    """Write to ``out`` (n,) the sum of all rows of ``values`` (m, n), each multiplied by its number, in double
+    precision.
+    """
     out[:] = 0.0
     for k in range(values.shape[0]):
         number, row = numbers[k], values[k]

@@ -22,8 +22,8 @@ from diagnosis.engine.config import OWN_PAGES
 
 
 def room(shape: tuple[int, ...], dtype: DTypeLike = np.float32) -> NDArray[np.floating]:
-    """Return zeros. Large arrays have their own pages, which use no memory until written and are freed with the
-    array.
+    """Return an array of zeros. A large array has its own memory pages: they use no memory until written, and are freed
+    with the array.
     """
     size = math.prod(shape) * np.dtype(dtype).itemsize
     if not _has_own_pages(size):

@@ -54,10 +54,10 @@ from diagnosis.estimates import Z95
 
 
 def widened(model: FittedModel, tests: Sequence[Omnibus], left: ResidualBound | None = None) -> Array:
-    """Return the covariance (k, k) of the numbers of a fit, including errors of the model; ``tests`` are of its
+    """Return the covariance (k, k) of the numbers of a fit, including errors of the model. ``tests`` are those of the
     surfaces.
 
-    ``left`` returns the error that each cause leaves on the select runs.
+    ``left`` returns the part of the error that a cause leaves on the select runs.
     """
     covariance = _of_form(model, tests) + _of_inconstancy(model)
     if left is not None:
@@ -73,8 +73,8 @@ def widened(model: FittedModel, tests: Sequence[Omnibus], left: ResidualBound | 
 
 
 def _bounded(model: FittedModel, covariance: Array, left: ResidualBound) -> Array:
-    """Return a covariance (k, k) in which errors of the equations widen no amplitude more than the select runs
-    allow.
+    """Return a covariance (k, k) in which the added standard deviation of each amplitude is limited by ``left``, from
+    the select runs.
     """
     plain = model.covariance()
     more = covariance - plain
@@ -136,7 +136,9 @@ def _of_inconstancy(model: FittedModel) -> Array:
 
 
 def _spread(test: Omnibus, dispersion: float) -> tuple[float, float, Omnibus]:
-    """Return ln of the likelihood ratio of an error of a surface against none, and the mean of its τ²."""
+    """Return three values for a surface: ln of the likelihood ratio of an error of this form against none, the mean of
+    its τ², and the test.
+    """
     values, vectors = np.linalg.eigh(test.projection.information)
     shown = values > SHOWN_INFORMATION * dispersion
     information, scores = values[shown], vectors[:, shown].T @ test.projection.score

@@ -65,14 +65,16 @@ def _ranked(rivals: Sequence[FittedModel], experiment: Experiment) -> NextRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Forecast:
-    """An experiment as predicted by one model, and the log predictive density of this model for it."""
+    """A run with the outputs that one model predicts, and the prediction of this model for the run, with its lpd."""
 
     run: MeasuredRun
     prediction: Prediction
 
 
 def _simulated(models: Sequence[FittedModel], experiment: Experiment) -> dict[FittedModel, MeasuredRun]:
-    """Return the experiment as each model predicts it; NaN where the record would not count the sample."""
+    """Return for each model the experiment with its predicted outputs; NaN where a sample would not count in a
+    record.
+    """
     simulator = models[0].replay.simulator
     shape = (experiment.time.size, len(simulator.channels))
     always, never = np.ones(shape[0], dtype=bool), np.zeros(shape[0], dtype=bool)
@@ -93,8 +95,8 @@ def _distance(first: FittedModel, second: FittedModel, runs: Mapping[FittedModel
 
 
 def _forecasts(runs: Mapping[FittedModel, MeasuredRun]) -> dict[FittedModel, _Forecast]:
-    """Return the prediction of each model for its run. Models with the same noise share one linearisation
-    in the base parameters.
+    """Return for each model the prediction of its own run. Models with the same noise share one linearisation in the
+    base parameters.
     """
     forecasts: dict[FittedModel, _Forecast] = {}
     for model, run in runs.items():
@@ -110,7 +112,7 @@ def _separation(first: FittedModel, second: FittedModel, forecasts: Mapping[Fitt
 
 
 def _advantage(true: FittedModel, other: FittedModel, forecasts: Mapping[FittedModel, _Forecast]) -> float:
-    """Return 2·(lpd of the true model − lpd of the other one) on the run as the true model predicts it."""
+    """Return 2·(lpd of ``true`` − lpd of ``other``) on the run with the outputs that ``true`` predicts."""
     forecast, known = forecasts[true], forecasts[other].prediction.linearisation
     return 2.0 * (forecast.prediction.lpd - predict(other, [forecast.run], known).lpd)
 
@@ -122,8 +124,8 @@ def _name(model: FittedModel) -> str:
 def sensors(first: FittedModel, second: FittedModel) -> list[NextSensor]:
     """Return nuisances whose calibration would separate two rivals on the existing runs, best first.
 
-    The rank is by the BIC gap λ²(1 − cosine²) of the first rival's effects against the second rival, if the nuisance
-    could not adapt.
+    The rank is by the BIC gap λ²(1 − cosine²) of the first rival's effects against the second rival, computed with this
+    nuisance fixed.
     """
     footprint = _footprint(first, second)
     base = second.linearisation
@@ -148,7 +150,7 @@ def sensors(first: FittedModel, second: FittedModel) -> list[NextSensor]:
 
 
 def _footprint(first: FittedModel, second: FittedModel) -> list[Array]:
-    """Return the change of the outputs by effects that only the first model has: whitened (N,), for each run."""
+    """Return the change of the outputs by the effects that only the first model has: whitened (N,), for each run."""
     point = first.point
     numbers = point.numbers.copy()
     for own in set(first.effects) - set(second.effects):

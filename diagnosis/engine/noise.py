@@ -40,7 +40,7 @@ class ChannelNoise:
 
     @property
     def innovation(self) -> float:
-        """Standard deviation of a sample whose predecessors are known."""
+        """Standard deviation of the error when a sample is predicted from its predecessors."""
         return float(np.sqrt(self.predictor(np.ones(self.order, bool))[1]))
 
     def predictor(self, measured: Mask) -> tuple[Array, float]:
@@ -83,8 +83,8 @@ class ChannelNoise:
 class Noise:
     """The noise of all channels.
 
-    ``dispersion`` φ ≥ 1 is the excess scatter of the scores over this noise, because the model is not exact: χ² and
-    precisions are divided by φ. Filters do not include it, so that single samples stay white.
+    ``dispersion`` φ ≥ 1 is the factor by which the variance of the scores exceeds that of this noise, because the model
+    is not exact: χ² and precisions are divided by φ. Filters do not include it, so that single samples stay white.
     """
 
     channels: tuple[ChannelNoise, ...]
@@ -99,7 +99,7 @@ def white(deviations: Sequence[float]) -> Noise:
 def estimate(
     channels: Sequence[Channel], leftovers: Sequence[Array], counted: Sequence[Mask], spent: float = 0.0
 ) -> Noise:
-    """Estimate the noise from ``leftovers`` (n, c) of each run, the residuals after everything explainable was fitted.
+    """Estimate the noise from ``leftovers`` (n, c) of each run: the residuals after all possible terms were fitted.
 
     ``spent`` is the number of coefficients of that fit.
     """

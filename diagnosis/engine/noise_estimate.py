@@ -74,9 +74,9 @@ def overdispersion(
 ) -> Array:
     """Return the factors (m,), at least 1, by which the variance of the scores exceeds that of whitened noise.
 
-    ``projection`` is that of the ``columns`` of each run. For sums of columns, each row of ``directions`` (v, m) holds
-    the coefficients of one sum. The part that the columns explain together is no error, so that an effect does not hide
-    itself. The runs are divided among ``workers`` threads.
+    ``projection`` is that of the ``columns`` of each run. With ``directions`` (v, m) the factors (v,) are those of
+    weighted sums of the columns. The part of the residual that the columns explain together is not counted as error;
+    otherwise an effect would hide itself. The runs are divided among ``workers`` threads.
     """
     directions = np.eye(columns[0].size) if directions is None else directions
     seen = projection.along(directions)

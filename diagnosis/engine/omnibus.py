@@ -31,7 +31,7 @@ class Omnibus:
 
     ``p`` is the probability of an equally large χ² by chance in any of these views. ``projection`` is that of the
     columns of its m coefficients. ``start`` (m,) are the coefficients estimated from the score, in units of their prior
-    spread. ``cosines`` are those between the surface with these coefficients and each candidate.
+    spread. ``cosines`` are those between each candidate and the surface with the coefficients ``start``.
     """
 
     surface: Surface
@@ -56,9 +56,10 @@ def score_tests(
     candidates: int,
     workers: int = 1,
 ) -> tuple[Omnibus, ...]:
-    """Test every surface with ``workers`` threads.
+    """Test every surface, with ``workers`` threads, and return the results.
 
-    The whitened ``columns`` of each run, and their ``projection``, hold first the ``candidates``, then the surfaces.
+    The whitened ``columns`` of each run, and their ``projection``, hold first those of the ``candidates``, then those
+    of the surfaces.
     """
 
     def test(one: tuple[Surface, int]) -> Omnibus:

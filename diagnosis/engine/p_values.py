@@ -11,10 +11,10 @@ def p_of_chi2(value: float, freedom: int) -> float:
 
 
 def p_of_t(value: float, freedom: int) -> float:
-    """Return the probability that the size of a Student t is at least that of ``value``."""
+    """Return the two-sided p-value of Student's t: the probability of |t| ≥ |``value``| by chance."""
     return float(2.0 * stdtr(freedom, -abs(value)))
 
 
 def bonferroni(p: float, looks: int) -> float:
-    """Return the p-value of the smallest ``p`` of several tests (``looks``), by Bonferroni."""
+    """Return the smallest p-value ``p`` of several tests, corrected for their number ``looks`` (Bonferroni)."""
     return min(1.0, p * max(looks, 1))

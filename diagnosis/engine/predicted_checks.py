@@ -40,10 +40,10 @@ def predicted_checks(
     *,
     seed: int,
 ) -> list[CheckPrediction]:
-    """Return the figures of the planned experiments. A run in ``Dataset.beside`` with the same figure replaces the
-    plan.
+    """Return a row for each figure of the planned experiments. A measured run in ``beside`` with the same figure
+    replaces the plan.
 
-    ``covariance`` (k, k) is that of the numbers of ``after``. A system without ``checks`` has no figures.
+    ``covariance`` (k, k) is that of the numbers of ``after``. Without ``checks`` there are no rows.
     """
     if checks is None:
         return []
@@ -91,7 +91,9 @@ def confirmed(causes: Sequence[Cause], rows: Sequence[CheckPrediction]) -> list[
 
 
 def _rows(figures: Sequence[Figures]) -> list[CheckPrediction]:
-    """Return a row for each figure, from the stock, tuned and extended model and all draws."""
+    """Return a row for each figure. ``figures`` are from the stock, the tuned and the extended model, then from all
+    draws.
+    """
     stock, tuned, extended, *others = figures
     return [
         CheckPrediction(
@@ -113,7 +115,9 @@ def _figures(
     models: Models,
     rng: np.random.Generator | None = None,
 ) -> list[Figures]:
-    """Return the figures of an experiment by the stock model and by all ``models``. With ``rng`` draws get noise."""
+    """Return the figures of an experiment by the stock model and by all ``models``. With ``rng``, noise is added to the
+    outputs of the draws.
+    """
     simulator = model.replay.simulator
     noise = np.array([channel.noise for channel in simulator.channels])
     jobs = [Job(experiment, parameters, effects) for parameters, effects in (({}, {}), *models)]
@@ -130,14 +134,16 @@ def _named(model: FittedModel, outputs: Array) -> dict[str, Array]:
 
 
 def _planned(checks: CheckFigures, point: Point) -> dict[str, float]:
-    """Return the shared parameters of a model, without those that a planned experiment gives."""
+    """Return the shared parameters of a model, without the errors that a planned experiment does not have."""
     return {name: value for name, value in point.parameters("").items() if not checks.states(name)}
 
 
 def _begun(
     point: Point, run: MeasuredRun, rng: np.random.Generator | None
 ) -> tuple[dict[str, float], Effects]:
-    """Return a model for a run outside of its fit. The run's own nuisances are nominal, or drawn with ``rng``."""
+    """Return the parameters and effects of a model for a run that it was not fitted to. The run's own nuisances are
+    nominal, or drawn with ``rng``.
+    """
     record = run.experiment.record
     there = point.with_records([record])
     if rng is not None:

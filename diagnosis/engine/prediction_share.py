@@ -29,7 +29,9 @@ def is_predicted(model: FittedModel, effect: str, select: Sequence[MeasuredRun],
 
 
 def residual_bound(select: Sequence[MeasuredRun], floors: Array) -> ResidualBound:
-    """Return a function for the largest relative error of an effect's amplitude by the select runs."""
+    """Return a function: for a model and an effect it returns the largest relative error of the amplitude that the
+    select runs allow.
+    """
 
     def left(model: FittedModel, effect: str) -> float:
         part = _left(model, effect, select, floors, unsure=True) if select else math.nan

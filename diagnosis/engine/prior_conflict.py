@@ -17,7 +17,7 @@ from diagnosis.finding import Imitation
 
 
 def contradicted(model: FittedModel) -> list[str]:
-    """Return a sentence for each base parameter of a fitted model that is far outside its prior."""
+    """Return a sentence for each base parameter of a fitted model that is far from its prior."""
     pairs = zip(model.point.coordinates, model.point.numbers, strict=True)
     far = [(abs(float(u)), c) for c, u in pairs if c.weight and not c.owner and abs(u) > CONTRADICTED_PRIOR]
     sentences = []
@@ -34,8 +34,8 @@ def contradicted(model: FittedModel) -> list[str]:
 
 
 def imitations(base: FittedModel, extended: FittedModel) -> list[Imitation]:
-    """Return the parameters by which the base model imitates the causes of the extended one, the largest deviation
-    first.
+    """Return the base parameters that imitate the causes: far from their priors in ``base``, but not in ``extended``.
+    Largest deviation first.
     """
     found = []
     for coordinate, number in zip(base.point.coordinates, base.point.numbers, strict=True):
@@ -61,7 +61,9 @@ def imitations(base: FittedModel, extended: FittedModel) -> list[Imitation]:
 
 
 def _believed(coordinate: Coordinate, model: FittedModel) -> tuple[float, float, float]:
-    """Return the fitted value, the centre of its prior and the prior's standard deviation, in display units."""
+    """Return three values in display units: the fitted value of a coordinate, and the nominal value and standard
+    deviation of its prior.
+    """
     parameter, number = coordinate.parameter, model.point.numbers[model.point.place(coordinate)]
     value, nominal, spread = (
         float(one) / parameter.scale

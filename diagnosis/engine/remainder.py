@@ -31,8 +31,8 @@ from diagnosis.engine.fitting.predict import Prediction, predict
 class Remainder:
     """Ratio of error to noise before and after, over all channels, on the runs of a ``role``.
 
-    ``left`` is the smallest remaining part of the explainable error in any channel, as a root; NaN without explainable
-    error. ``without`` is the ratio of error to noise without each cause, by name.
+    ``left`` is the part of the explainable error (RMS) that remains in the best channel; NaN without explainable error.
+    ``without`` is, for each cause, the ratio of error to noise of the model without it.
     """
 
     role: Role
@@ -59,7 +59,7 @@ class Remainder:
 
 
 def held_back(data: Dataset) -> tuple[Role, tuple[MeasuredRun, ...]]:
-    """Return the runs that the fit used least, and their role."""
+    """Return the role and the runs that the fit used least: report runs, otherwise select runs, otherwise fit runs."""
     roles: tuple[Role, ...] = ("report", "select", "fit")
     return next((role, data.of(role)) for role in roles if data.of(role))
 
@@ -91,7 +91,9 @@ def remainder(
 
 
 def least_left(before: Prediction, after: Prediction, floors: Array) -> float:
-    """Return the smallest remaining part of the explainable error among channels that have one, as a root."""
+    """Return the part of the explainable error (RMS) that remains, in the channel where it is smallest; NaN without
+    explainable error.
+    """
     squares = np.array([mean_squares(before), mean_squares(after)]) / floors**2
     some = squares[0] > EXPLAINABLE**2
     if not some.any():
@@ -101,10 +103,10 @@ def least_left(before: Prediction, after: Prediction, floors: Array) -> float:
 
 
 def part_left(before: Prediction, after: Prediction, floors: Array, *, unsure: bool = False) -> float:
-    """Return the remaining part of the explainable error over all channels, as a root; NaN without explainable error.
+    """Return the part of the explainable error (RMS) that remains over all channels; NaN without explainable error.
 
-    A channel with hardly any explainable error, which reaches its noise by chance, does not outweigh the others.
-    ``unsure`` returns the upper limit within the uncertainty of the noise floors.
+    All channels are summed, so that one channel with hardly any explainable error does not decide by chance. ``unsure``
+    returns the upper limit within the uncertainty of the noise floors.
     """
     explainable, left = np.maximum(
         np.array([mean_squares(before), mean_squares(after)]) / floors**2 - 1.0, 0.0

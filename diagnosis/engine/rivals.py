@@ -28,7 +28,7 @@ from diagnosis.engine.trials import current_model, fit_physical
 
 
 def swap(problem: Problem, state: SearchState) -> SearchState:
-    """Replace accepted effects by better rivals; return the state with the remaining rivals of each effect."""
+    """Replace accepted effects by better rivals. Return the state with the remaining rivals of each effect."""
     visited: dict[frozenset[str], SearchState] = {}
     while True:
         current = state.current
@@ -55,7 +55,9 @@ def swap(problem: Problem, state: SearchState) -> SearchState:
 
 
 def _settled(visited: dict[frozenset[str], SearchState], last: SearchState) -> SearchState:
-    """Return the best of the visited states; the others become its rivals with their difference in `_criterion`."""
+    """Return the best of the visited states. The others become its rivals; their BIC differs by the difference in
+    `_criterion`.
+    """
     criteria = {effects: _criterion(state.current.model) for effects, state in visited.items()}
     best = min(
         visited.values(), key=lambda state: (criteria[frozenset(state.current.effects)], state is not last)
@@ -86,7 +88,7 @@ def _criterion(model: FittedModel) -> float:
 
 
 def _rivals(problem: Problem, state: SearchState, old: str) -> tuple[Trial, ...]:
-    """Return physical models with an alternative in place of an accepted effect, best first."""
+    """Return physical models in which an alternative replaces the accepted effect ``old``, best first."""
     current = state.current
     outside = [name for name in state.alternatives[old] if name not in current.effects][:RIVALS]
     laws = (name for name in alike_laws(problem.hypotheses, old) if name in state.last_fit)

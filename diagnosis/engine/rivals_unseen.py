@@ -1,5 +1,5 @@
-"""Step 8, undecided rivals: their fit differs clearly from that of a cause, but their prediction of unseen runs does
-not.
+"""Step 8, undecided rivals: on the fit runs their fit differs clearly from that of a cause, but they predict unseen
+runs equally well.
 
 Theory of operation
 -------------------
@@ -9,10 +9,11 @@ as well as the cause stays a rival. This is tested for all channels together, an
 acts, because errors of other channels can hide the difference. In one case a slow clock and a delay were found
 together. The pressures could separate them, but the error was in the forces.
 
-A similar effect in the same model can also be a rival. Friction that reverses between two samples and a lagging force
-both round the corner of a loop. Together with a lag, the presliding travel of the friction is below the resolution of
-the samples; without the lag, it takes its place. If one of two confusers has such a parameter (`intervals.py`), and the
-other gains nothing on unseen runs, the model without the other one is a rival.
+A similar effect in the same model can also be a rival. For example, friction that reverses between two samples and a
+lag of the force both round the corner of a loop. Together with a lag, the presliding travel of the friction is below
+the resolution of the samples; without the lag, the presliding travel explains the rounding. If one of two confusers has
+such a parameter (`intervals.py`), and the other gains nothing on unseen runs, the model without the other one is a
+rival.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ from diagnosis.engine.search_state import Accepted, SearchResult
 
 
 class Undecided(NamedTuple):
-    """An effect that explains unseen runs as well as a cause, and its model. ``both_present``: both models contain
-    it.
+    """An effect that explains unseen runs as well as the cause ``instead_of``, and the model with it. ``both_present``:
+    the model with the cause also contains the effect.
     """
 
     effect: str
@@ -54,8 +55,8 @@ def undecided(
 ) -> list[Undecided]:
     """Return the rivals that predict the unseen runs of ``after`` as well as the accepted effects.
 
-    ``model`` contains the accepted effects, ``left`` is its error there, ``floors`` (c,) are the noise. There are no
-    rivals if the error is at the noise, or if all runs were fitted.
+    ``model`` contains the accepted effects, ``left`` is its error on these runs, ``floors`` (c,) is the noise of each
+    channel. There are no rivals if the error is as small as the noise, or if all runs were fitted.
     """
     if not left.large or left.role == "fit":
         return []
@@ -77,7 +78,9 @@ def _forecast(model: FittedModel, after: Prediction) -> Prediction:
 
 
 def _as_well_where_it_acts(rival: Prediction, after: Prediction, absent: Prediction) -> bool:
-    """Return whether a rival predicts the channels in which the cause acts as well; ``absent`` is without the cause."""
+    """Return whether a rival predicts as well as the model ``after`` in the channels in which the cause acts.
+    ``absent`` is the prediction without the cause.
+    """
     left, other, without = (mean_squares(one) for one in (after, rival, absent))
     acts = without > PREDICTS_AS_WELL**2 * left
     return not acts.any() or bool(np.mean(other[acts] / left[acts]) < PREDICTS_AS_WELL**2)
@@ -97,8 +100,8 @@ def _confusers_present(
     hypotheses: Mapping[str, Hypothesis],
     left: Remainder,
 ) -> Iterator[Undecided]:
-    """Yield the confusers of an effect in the same model, if the effect gains nothing and one of the two is not
-    resolved.
+    """Yield the confusers of an effect that are in the same model. The effect must gain nothing, and one of the two
+    must have an unresolved parameter.
     """
     if left.gained(accepted.effect) >= NO_GAIN:
         return

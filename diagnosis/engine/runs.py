@@ -26,7 +26,7 @@ from diagnosis.engine.simulation import completed
 
 
 class MeasuredChannels(CompleteSimulator):
-    """A simulator that predicts only the measured ``channels``."""
+    """A simulator reduced to the measured ``channels``."""
 
     def __init__(self, simulator: CompleteSimulator, channels: tuple[Channel, ...]) -> None:
         names = [channel.name for channel in simulator.channels]
@@ -59,7 +59,7 @@ class MeasuredChannels(CompleteSimulator):
 
 
 def measured_channels(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, CompleteSimulator]:
-    """Return data and simulator with only the measured channels, with units and noise as in the data.
+    """Return data and simulator reduced to the measured channels, with units and noise as in the data.
 
     Raises ``DiagnosisError`` for a channel that the simulator does not have, and if nothing was measured.
     """
@@ -86,9 +86,10 @@ def measured_channels(dataset: Dataset, simulator: Simulator) -> tuple[Dataset, 
 
 
 def split(dataset: Dataset, seed: int) -> Dataset:
-    """Return the dataset with random roles for whole runs: about a fifth to select and a fifth to report.
+    """Return the dataset with random roles for whole runs: about a fifth to select, a fifth to report, the others to
+    fit.
 
-    One or two runs are all for the fit, because a second run is made to decide between causes.
+    With one or two runs all are for the fit, because a second run is usually made to decide between causes.
     """
     count = len(dataset.runs)
     if count == 0:

@@ -42,10 +42,10 @@ from diagnosis.engine.whitening import Filter, filters
 
 @dataclass(frozen=True, eq=False)
 class Screening:
-    """Scores of all candidates m against a fitted model.
+    """Scores of m candidates against a fitted model.
 
     ``inflation`` (m,) is the variance of each score relative to whitened noise. The threshold is for the false-alarm
-    rate ``alpha``, computed with ``seed``.
+    rate ``alpha``; it is computed with the random ``seed``.
     """
 
     candidates: tuple[Candidate, ...]
@@ -62,7 +62,7 @@ class Screening:
 
     @cached_property
     def scatter(self) -> Array:
-        """Standard deviations of the scores (m,) of missing effects, relative to whitened noise."""
+        """Standard deviations of the scores (m,) if the effects are missing, relative to whitened noise."""
         imitated = np.array([c.imitated / c.amplitude.scale for c in self.candidates])
         return np.sqrt(self.inflation + (imitated * self.projection.norm) ** 2)
 
@@ -73,19 +73,23 @@ class Screening:
 
     @cached_property
     def root_information(self) -> Array:
-        """Square root of the Fisher information on each amplitude (m,), nuisances fitted: λ per unit of amplitude."""
+        """Square root of the Fisher information on each amplitude (m,) after the fit of the nuisances: λ per unit of
+        amplitude.
+        """
         scales = np.array([c.amplitude.scale for c in self.candidates])
         return self.projection.norm / scales / self.scatter
 
     @property
     def amplitude(self) -> Array:
-        """The amplitude (m,) estimated from the score, in its own unit."""
+        """The amplitude (m,) estimated from each score, in its own unit."""
         norm = self.projection.norm
         scales = np.array([c.amplitude.scale for c in self.candidates])
         return scales * np.divide(self.projection.z, norm, out=np.zeros_like(norm), where=norm > 0.0)
 
     def start(self, point: Point, i: int) -> Point:
-        """Return a start for the fit of a candidate: the amplitude from its score, and other numbers adapted to it."""
+        """Return a start point for the fit of candidate ``i``: the amplitude from its score, and the other numbers
+        adapted to this amplitude.
+        """
         candidate = self.candidates[i]
         extended = candidate.added_to(point)
         effect = candidate.effect.amplitude
@@ -99,7 +103,9 @@ class Screening:
 
     @property
     def exceeding(self) -> list[int]:
-        """The best point of each effect's grid that passes the threshold, highest score first."""
+        """Indices of the candidates above the threshold, highest score first. Each effect is listed once, with the best
+        point of its grid.
+        """
         best: dict[str, int] = {}
         for i in np.argsort(-self.z, kind="stable"):
             if self.z[i] > self.threshold:
@@ -107,7 +113,7 @@ class Screening:
         return list(best.values())
 
     def best(self, effect: str) -> int:
-        """Return the best point of one effect's grid."""
+        """Return the index of the candidate with the highest score among the grid points of one effect."""
         mine = [i for i, c in enumerate(self.candidates) if c.effect.name == effect]
         return max(mine, key=lambda i: float(self.z[i]))
 
@@ -126,7 +132,9 @@ class ScreenedModel:
 
 
 def signs(effects: Sequence[Hypothesis], scores: Array) -> Array:
-    """Return ±1 (m,), the sign of a positive score; for a one-sided effect it is the physical sign."""
+    """Return ±1 (m,): the sign by which a score is multiplied so that it is positive. For a one-sided effect it is the
+    physical sign.
+    """
     physical = [0.0 if not e.one_sided else 1.0 if e.amplitude.low >= 0.0 else -1.0 for e in effects]
     return np.where(np.array(physical) == 0.0, np.where(scores < 0.0, -1.0, 1.0), physical)
 
@@ -176,6 +184,6 @@ def fit_and_screen(
 
 
 def _linear(replay: Replay, around: Footprints, whiten: Sequence[Filter]) -> Linearisation:
-    """Return the linearisation of the model from its footprints."""
+    """Return the linearisation of the model, from the footprints of its parameters."""
     residuals = replay.residuals(around.predictions)
     return from_quotients(replay, around.point, whiten, residuals, around.parameter_columns)

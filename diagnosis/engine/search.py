@@ -5,11 +5,12 @@ Theory of operation
 Each cause is tested together with the causes found before it, under the noise of their residual. One turn of the loop
 is steps 3 to 6 of the method:
 
-1. `trials.current_model`: noise, fit, footprints and scores around the effects accepted so far (steps 2 to 5); 2.
-`trials.fit_trials`: effects above the threshold are fitted and judged by the gates (`gates.py`); 3. `admission.choose`,
-`choose_sufficient`, `admit`: one trial enters, or two together, or none. If none enters and the residual
-is far above the noise, `try_finite_sizes` fits causes that act only temporarily, which enter in the same way;
-otherwise the search ends; 4. `rivals.swap`: rivals are tested in place of each accepted effect.
+1. `trials.current_model`: noise, fit, footprints and scores around the effects accepted so far (steps 2 to 5);
+2. `trials.fit_trials`: effects above the threshold are fitted and tested by the gates (`gates.py`);
+3. `admission.choose`, `choose_sufficient`, `admit`: one trial enters, or two together, or none. If none enters and the
+   residual is far above the noise, `try_finite_sizes` fits causes that act only temporarily, which enter in the same
+   way. Otherwise the search ends;
+4. `rivals.swap`: rivals are tested in place of each accepted effect.
 
 At the end `backward.weigh` removes superfluous effects. At most ``Config.max_effects`` enter. The result depends on the
 seed, not on the number of workers.
@@ -38,9 +39,9 @@ Progress = Callable[[str, float], None]
 
 
 def search(problem: Problem, progress: Progress = lambda _text, _part: None) -> SearchResult:
-    """Search a catalogue for the causes of the residual of the base model on the fit runs.
+    """Search a catalogue for the causes of the residual that the base model leaves on the fit runs.
 
-    ``progress`` receives the name of the present step, and the finished part of the diagnosis.
+    ``progress`` receives the name of the present step, and the finished part of the diagnosis (0 to 1).
     """
     progress("fitting the base model", 0.0)
     state = _start(problem)

@@ -34,7 +34,7 @@ class Problem:
 class CurrentModel:
     """The base model with the accepted effects, fitted under its own noise, and the scores of all other effects.
 
-    ``prediction`` is that of the select runs, None if there are none; ``explained_chi2`` is the penalised χ² that the
+    ``prediction`` is that of the select runs; None if there are none. ``explained_chi2`` is the penalised χ² that the
     accepted effects have explained so far.
     """
 
@@ -52,7 +52,9 @@ class CurrentModel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trial:
-    """The result of fitting a model with ``effect`` in it. ``failed`` is the reason of the failed gate, or ""."""
+    """The result of fitting a model with ``effect`` in it. ``failed`` is the reason why it failed a gate; "" if it
+    passed all.
+    """
 
     effect: str
     point: Point
@@ -67,7 +69,9 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForwardStep:
-    """The effects in the model, the scores of all others against it, and the trials of those above the threshold."""
+    """One forward step: the effects in the model, the scores of all others, and the trials of those above the
+    threshold.
+    """
 
     effects: tuple[str, ...]
     screening: Screening
@@ -76,7 +80,7 @@ class ForwardStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchState:
-    """The state that the passes of the search exchange."""
+    """The state of the search, which each pass receives and returns."""
 
     current: CurrentModel
     floors: Array  #: (c,) standard deviation left by noise alone in each channel
@@ -119,7 +123,7 @@ class SearchState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Accepted:
-    """An accepted effect: its score z, its λ, its gain over the model without it, and its rivals."""
+    """An accepted effect: its score z, its λ, how much it improves the model, and its rivals."""
 
     effect: str
     score: float
@@ -130,20 +134,20 @@ class Accepted:
 
     @property
     def explained(self) -> float:
-        """The χ² that it explains on fit runs and select runs (0 for the latter if there are none)."""
+        """The χ² that the effect explains on the fit runs and the select runs. Without select runs their part is 0."""
         # NaN counts as none: it is never the larger one.
         return self.lambda_**2 + max(0.0, 2.0 * self.lpd_gain)
 
     def near(self, bic: float, gap: float) -> list[Trial]:
-        """Return the rivals whose BIC is within ``gap`` of the ``bic`` of the model with this effect."""
+        """Return the rivals with a BIC below ``bic`` + ``gap``; ``bic`` is that of the model with this effect."""
         return [trial for trial in self.rivals if trial.bic - bic < gap]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchResult:
-    """The result of the search: its last state, and the gain of each accepted effect together with the others.
+    """The result of the search: its last state, and the accepted effects.
 
-    ``without`` holds the models without one effect each.
+    ``without`` holds for each accepted effect the model without it.
     """
 
     state: SearchState
@@ -152,7 +156,7 @@ class SearchResult:
 
     @property
     def steps(self) -> tuple[ForwardStep, ...]:
-        """The forward steps; the first one is against the base model."""
+        """The forward steps. In the first one the model has no effects."""
         return self.state.steps
 
     @property
@@ -170,5 +174,5 @@ class SearchResult:
         return replace(self, state=self.state.without_columns())
 
     def ambiguous(self, gap: float) -> list[tuple[Accepted, Trial]]:
-        """Return accepted effects with each rival within a BIC ``gap``."""
+        """Return pairs of an accepted effect and a rival whose BIC is within ``gap``."""
         return [(a, r) for a in self.accepted for r in a.near(self.model.bic, gap)]

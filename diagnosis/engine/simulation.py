@@ -20,14 +20,17 @@ class _Completed(CompleteSimulator):
 
 
 def completed(simulator: Simulator) -> CompleteSimulator:
-    """Return a simulator with all optional members: itself, or itself with default values for missing ones."""
+    """Return a simulator with all optional members: ``simulator`` itself if it has them, otherwise a wrapper with
+    default values.
+    """
     return simulator if isinstance(simulator, CompleteSimulator) else _Completed(simulator)
 
 
 def simulate(simulator: Simulator, job: Job) -> Array:
-    """Return the outputs (n, c) of a run.
+    """Run a job and return its outputs (n, c).
 
-    Raises DiagnosisError if the simulator raises any exception, with the line of code, or returns another shape.
+    Raises DiagnosisError if the simulator raises an exception or returns a wrong shape. The text of the error names the
+    line of code.
     """
     with _blamed(simulator, job):
         outputs = simulator.run(job.experiment, job.parameters, job.effects)
@@ -35,7 +38,7 @@ def simulate(simulator: Simulator, job: Job) -> Array:
 
 
 def simulate_many(simulator: CompleteSimulator, jobs: Sequence[Job]) -> Iterator[Array]:
-    """Yield the outputs (n, c) of several runs in order, with the errors of `simulate`."""
+    """Yield the outputs (n, c) of several jobs in order. Raises the same errors as `simulate`."""
     found = simulator.run_many(jobs)
     for job in jobs:
         with _blamed(simulator, job):
@@ -45,7 +48,7 @@ def simulate_many(simulator: CompleteSimulator, jobs: Sequence[Job]) -> Iterator
 
 @contextmanager
 def _blamed(simulator: Simulator, job: Job) -> Iterator[None]:
-    """Convert an exception of a simulator into a DiagnosisError with the line of code and the parameters."""
+    """Convert an exception of a simulator to a DiagnosisError that states the line of code and the parameters."""
     try:
         yield
     except DiagnosisError:
@@ -60,7 +63,9 @@ def _blamed(simulator: Simulator, job: Job) -> Iterator[None]:
 
 
 def checked(simulator: Simulator, job: Job, outputs: Array) -> Array:
-    """Return ``outputs``; raise DiagnosisError unless they have one row per sample and one column per channel."""
+    """Return ``outputs`` unchanged. Raises DiagnosisError unless they have one row per sample and one column per
+    channel.
+    """
     right = (len(job.experiment.time), len(simulator.channels))
     shape = getattr(outputs, "shape", None)
     if shape != right:
@@ -77,7 +82,7 @@ def checked(simulator: Simulator, job: Job, outputs: Array) -> Array:
 
 
 def described(simulator: Simulator, parameters: Mapping[str, float], effects: Effects) -> str:
-    """Return parameters and effects as text with units; those at their nominal values last."""
+    """Return parameters and effects as text with units. Parameters at their nominal values come last."""
     nominal = {parameter.name: parameter for parameter in simulator.nuisances}
     moved = [name for name, one in nominal.items() if parameters.get(name, one.nominal) != one.nominal]
     names = [*moved, *(name for name in nominal if name not in moved)]

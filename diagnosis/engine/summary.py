@@ -84,9 +84,9 @@ DELAY: Final = "delay"
 class Conclusions:
     """Results for the summary that are not in the finding.
 
-    ``accepted`` holds all accepted effects, also if nothing is named and they are only candidates. ``also`` describes
-    effects that may exist as well. ``misfit`` is the clearest error above the noise if no candidate fits. ``differing``
-    describes how the report runs changed the verdict.
+    ``accepted`` holds all accepted effects, even if no cause is named and they are only candidates. ``also`` describes
+    further effects that may be present. ``misfit`` is the clearest error above the noise if no candidate fits.
+    ``differing`` describes how the report runs changed the verdict.
     """
 
     accepted: Sequence[Cause]
@@ -98,7 +98,9 @@ class Conclusions:
 
 
 def summarised(finding: Finding, beside: Conclusions) -> Finding:
-    """Return a finding with its summary, and with a sentence without figures of channels and without advice."""
+    """Return the finding with its summary, and with a short sentence that has neither figures of channels nor
+    advice.
+    """
     wrong, sure, error = _wrong(finding), _sentences(_sure(finding, beside)), _error(beside.left, finding)
     return replace(
         finding,
@@ -147,12 +149,14 @@ def _claims(causes: Sequence[Cause]) -> str:
 
 
 def _claimed(one: Cause) -> str:
-    """Return a cause with its size as text; only the phenomenon if its law is open."""
+    """Return a cause with its size as text; only the name of the phenomenon if its law is not known."""
     return f"there is {one.phenomenon}" if one.laws else f"{_plain(one)} ({_size(one.parameters)})"
 
 
 def _imitated(imitations: Sequence[Imitation], *, many: bool) -> str:
-    """Return sentences: the value that a base parameter would need without the causes, and its expected value."""
+    """Return sentences on a base parameter: the value that it would need without the causes, and its expected value. ""
+    without any.
+    """
     if not imitations:
         return ""
     one = imitations[0]
@@ -221,7 +225,7 @@ def _suspected(found: Finding, left: Remainder) -> str:
 
 
 def _which_law(one: Cause) -> str:
-    """Return the laws that these runs do not distinguish, and a run that would; "" if the law is known."""
+    """Return the laws that these runs cannot distinguish, and a run that can; "" if the law is known."""
     if not one.laws:
         return ""
     laws = " or ".join([_with_size(one), *map(_with_size, one.laws)])
@@ -230,13 +234,13 @@ def _which_law(one: Cause) -> str:
 
 
 def _run(label: str, text: str) -> str:
-    """Return a run, and what to look for in it, as sentences; ``text`` is `Cause.separated_by`."""
+    """Return sentences that describe a run and what to look for in it. ``text`` is `Cause.separated_by`."""
     run, _, sign = text.partition(": ")
     return f"{label}: {run}.{f' Look for: {sign}.' if sign else ''}"
 
 
 def _late_together(causes: Sequence[Cause]) -> str:
-    """Return a sentence that several delays may be one; "" if their intervals do not overlap."""
+    """Return a sentence that several delays may have one common reason; "" if their intervals do not overlap."""
     delays = [one.parameters[0] for one in causes if one.parameters[0].name == DELAY]
     low, high = (
         [end for end in ends if end is not None]
@@ -252,7 +256,7 @@ def _late_together(causes: Sequence[Cause]) -> str:
 
 
 def _nearest(causes: Sequence[Cause], suspects: Sequence[Suspect]) -> str:
-    """Return a sentence on the best candidates if nothing is named."""
+    """Return sentences on the best candidates, for a finding without a named cause."""
     if causes:
         names = " and ".join(_with_size(c) for c in causes)
         many = len(causes) > 1
@@ -270,7 +274,7 @@ def _nearest(causes: Sequence[Cause], suspects: Sequence[Suspect]) -> str:
 
 
 def _worth(one: Cause) -> str:
-    """Return a sentence if a cause explains little of the error on unseen runs; otherwise ""."""
+    """Return a sentence on a cause that explains little of the error on unseen runs; otherwise ""."""
     if one.gained is None or one.gained >= GAINS_LITTLE:
         return ""
     if one.gained <= 0.0:
@@ -279,7 +283,9 @@ def _worth(one: Cause) -> str:
 
 
 def _error(left: Remainder, found: Finding) -> str:
-    """Return the ratio of error to noise before and after, as text."""
+    """Return a sentence on the ratio of error to noise, before and after the causes are added; "" if it is not
+    known.
+    """
     if not left.after > 0.0:
         return ""
     change = f"the error falls from {left.before:.3g} to {left.after:.3g} times the noise"
@@ -292,7 +298,9 @@ def _error(left: Remainder, found: Finding) -> str:
 
 
 def _shown_by(found: Finding) -> str:
-    """Return the number that shows the causes best: the worst channel, or a parameter that imitates them."""
+    """Return the number that shows the causes best: the error of the worst channel, or a parameter that
+    imitates them.
+    """
     if not found.causes and not found.unknowns:
         return ""
     seen = [one for one in found.gains[1:] if one.fraction is not None]

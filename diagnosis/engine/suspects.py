@@ -30,7 +30,9 @@ MOST_LEFT: Final = "most of the error remains with it"
 
 
 class Dismissed(NamedTuple):
-    """A cause that was removed from the final model, the model that contained it, and the reason."""
+    """A cause that was removed from the final model, the model that still contained it, and the reason for the
+    removal.
+    """
 
     accepted: Accepted
     model: FittedModel
@@ -44,10 +46,10 @@ def suspects(
     hypotheses: Mapping[str, Hypothesis],
     gap: float,
 ) -> list[Suspect]:
-    """Return the suspects, clearest first, if no cause is named; each effect once.
+    """Return the suspects for a finding without a named cause, clearest first. Each effect is listed once.
 
-    ``dismissed`` were removed from the final model, ``found`` is the result of the search, ``left`` are causes that
-    leave most of the error. Rivals within ``gap`` of the BIC are included.
+    ``dismissed`` were removed from the final model, ``found`` is the result of the search, and ``left`` are causes that
+    leave most of the error. Rivals whose BIC is within ``gap`` are included.
     """
     listed = [_suspect(hypotheses[c.effect], c.parameters, MOST_LEFT, c.strength) for c in left]
     for one in sorted(dismissed, key=lambda one: -one.accepted.lambda_):
@@ -64,7 +66,9 @@ def suspects(
 
 
 def _nearest(found: SearchResult, gap: float) -> list[Trial]:
-    """Return the trials of the last step that improve the BIC but failed a gate."""
+    """Return the trials of the last step that improve the BIC but failed a gate, best first; ``gap`` limits their BIC
+    above the best one.
+    """
     last = found.steps[-1]
     if last.effects != found.model.effects:
         return []

@@ -19,10 +19,10 @@ Arguments = ParamSpec("Arguments")
 
 
 def algebra_on_one_core(function: Callable[Arguments, Found]) -> Callable[Arguments, Found]:
-    """Return a function during which numpy multiplies on one core.
+    """Return the function, wrapped so that numpy uses one core for linear algebra while it runs.
 
-    Threads of the linear algebra and the threads here would wait for each other: a diagnosis then takes several times
-    as long.
+    Otherwise the threads of the linear algebra and the threads of this module would wait for each other, and a
+    diagnosis would take several times as long.
     """
 
     @wraps(function)
@@ -34,7 +34,7 @@ def algebra_on_one_core(function: Callable[Arguments, Found]) -> Callable[Argume
 
 
 def in_threads(workers: int, function: Callable[[Given], Found], given: Iterable[Given]) -> list[Found]:
-    """Return the result of a function for each item, computed by ``workers`` threads."""
+    """Call a function for each item in ``workers`` threads, and return the results in the order of the items."""
     items = list(given)
     if workers <= 1 or len(items) < 2:
         return [function(item) for item in items]

@@ -1,4 +1,4 @@
-"""Step 5, threshold: the score that chance alone exceeds in one of so many diagnoses, all candidates together.
+"""Step 5, threshold: the largest score of all candidates exceeds it by chance only with the probability α.
 
 Theory of operation
 -------------------
@@ -10,7 +10,7 @@ and points of one shape grid hardly at all.
 
 The score of a one-sided effect counts with its physical sign only, any other by its size.
 
-The event is rare: of plain draws of the normal distribution, only one in 1/α is informative. So only draws are made in
+The event is rare: of plain draws of the normal distribution, only the part α is informative. So only draws are made in
 which some score exceeds a level: one of the M sides of the scores is selected at random, its score is drawn above the
 level, and the others conditionally on it. A draw with S exceeding scores can be selected S times, so its weight is M/S
 times the probability of one of them (importance sampling "at least one rare event": Owen, Maximov and Chertkov 2019,
@@ -29,8 +29,10 @@ from diagnosis.engine.config import THRESHOLD_DRAWS, THRESHOLD_MARGIN
 
 
 def threshold(cosines: Array, one_sided: Mask, alpha: float, seed: int) -> float:
-    """Return the score that the largest of N(0, cosines) exceeds with probability alpha. Two-sided scores count by
-    size.
+    """Return the limit that the largest of the scores exceeds by chance with the probability ``alpha``.
+
+    The scores are normal with unit variances and the correlations ``cosines``. A score that is not ``one_sided`` counts
+    by its size.
     """
     if len(cosines) == 0:
         return float("inf")
@@ -45,7 +47,9 @@ def threshold(cosines: Array, one_sided: Mask, alpha: float, seed: int) -> float
 
 
 def _quantile(root: Array, one_sided: Mask, alpha: float, level: float, rng: np.random.Generator) -> float:
-    """Return the quantile from draws that each exceed ``level``; scores are ``root`` (m, r) times N(0, 1)."""
+    """Return the quantile of the largest score from draws in which a score exceeds ``level``. Scores are ``root`` (m,
+    r) times N(0, 1).
+    """
     sides = np.concatenate((np.arange(len(root)), np.flatnonzero(~one_sided)))
     chance = float(ndtr(-level))
     side = rng.integers(len(sides), size=THRESHOLD_DRAWS)

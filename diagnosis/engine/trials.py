@@ -38,7 +38,9 @@ Gate = Callable[[FittedModel, Prediction | None], str]
 
 
 def current_model(problem: Problem, point: Point, explained_chi2: float = 0.0) -> CurrentModel:
-    """Estimate the noise around a point, fit the model again, score all other effects, and predict the select runs."""
+    """Return the model of a point with all its results: estimate the noise, fit again, score all other effects, and
+    predict the select runs.
+    """
     rest = candidates([e for name, e in problem.hypotheses.items() if name not in point.owners])
     around = footprints(problem.replay, point, rest)
     alpha, seed = problem.config.alpha, problem.config.seed
@@ -52,16 +54,19 @@ def current_model(problem: Problem, point: Point, explained_chi2: float = 0.0) -
 
 
 def predicted(problem: Problem, model: FittedModel, near: Prediction | None = None) -> Prediction | None:
-    """Predict the select runs, with the columns of a prediction under the same noise; None without select runs."""
+    """Predict the select runs; None if there are none. ``near`` is a prediction under the same noise whose columns are
+    used again.
+    """
     if not problem.select:
         return None
     return predict(model, problem.select, near.linearisation if near else None)
 
 
 def refit(problem: Problem, start: Point, current: CurrentModel, target: float = math.inf) -> FittedModel:
-    """Fit another model under the noise of the current one, with its columns of the base parameters.
+    """Fit another model under the noise of the current one. The columns of the base parameters are taken from the
+    current model.
 
-    The fit stops early if its χ² stays too far above ``target`` to be a substitute.
+    The fit stops early if its χ² stays too far above ``target``.
     """
     gap = current.model.penalised_chi2 - target
     ceiling = current.model.penalised_chi2 - SUBSTITUTE * gap if 0.0 < gap < math.inf else math.inf
@@ -70,7 +75,9 @@ def refit(problem: Problem, start: Point, current: CurrentModel, target: float =
 
 
 def fit_trials(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
-    """Fit and test the effects above the threshold of the current model, and their relatives; best BIC first."""
+    """Fit and test the effects above the threshold of the current model, and their relatives. Return the trials, best
+    BIC first.
+    """
     current = state.current
     wanted = _wanted(problem, current)
     starts = {name: current.screening.start(current.model.point, place) for name, place in wanted.items()}
@@ -80,9 +87,10 @@ def fit_trials(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
 def tried(
     problem: Problem, state: SearchState, starts: Mapping[str, Point], gate: Gate = lambda _model, _there: ""
 ) -> tuple[Trial, ...]:
-    """Fit effects from their starts, the most promising first, and test them; best BIC first.
+    """Fit effects from their starts, the most promising first, and test them. Return the trials, best BIC first.
 
-    ``gate`` is a further test: it returns why a fitted model with its prediction of the select runs fails, or "".
+    ``gate`` is a further test: from a fitted model and its prediction of the select runs it returns why the model
+    fails, or "".
     """
     current = state.current
     if not starts:
@@ -106,7 +114,8 @@ def tried(
 def _fitted(
     problem: Problem, current: CurrentModel, target: float, wanted: tuple[str, Point]
 ) -> tuple[Trial, FittedModel | None]:
-    """Fit a hypothesis from its start and test it. The model of a failed trial is dropped, because it is large.
+    """Fit a hypothesis from its start, and test the fit. Return the trial and the model. The model of a failed trial is
+    None, to save memory.
 
     ``target`` is the penalised χ² of the most promising trial.
     """
@@ -122,7 +131,7 @@ def _fitted(
 
 
 def _wanted(problem: Problem, current: CurrentModel) -> dict[str, int]:
-    """Return the effects to be fitted, each with its best point of the grid."""
+    """Return the effects to fit, each with the index of its best candidate."""
     screening = current.screening
     exceeding = screening.exceeding[: problem.config.fits]
     wanted = {screening.candidates[i].effect.name: i for i in exceeding}
@@ -137,7 +146,7 @@ def _wanted(problem: Problem, current: CurrentModel) -> dict[str, int]:
 def fit_physical(
     problem: Problem, effect: str, start: Point, current: CurrentModel, target: float = math.inf
 ) -> Trial:
-    """Fit a model whose only gate is to be physical; if it passes, predict the select runs."""
+    """Fit a model and test only whether it is physical. If it is, predict the select runs. Return the trial."""
     model = refit(problem, start, current, target)
     failed = unphysical(model, current.model)
     prediction = None if failed else predicted(problem, model, current.prediction)
@@ -167,7 +176,7 @@ def trial_of(
     physical: bool = True,
     surcharge: float = 0.0,
 ) -> Trial:
-    """Return the trial of a fitted model."""
+    """Return the result of a fit as a trial."""
     lpd = prediction.lpd if prediction else float("nan")
     bic = model.bic + surcharge
     return Trial(effect, model.point, model.covariance(), model.penalised_chi2, bic, lpd, failed, physical)

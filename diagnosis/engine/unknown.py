@@ -46,10 +46,10 @@ from diagnosis.finding import Figure, Nearest, Region, Series, Unknown
 def clear_surfaces(
     accepted: Sequence[Accepted], screened: ScreenedModel, together: ScreenedModel, config: Config
 ) -> list[Omnibus]:
-    """Return the tests of surfaces that explain a large part of what the accepted effects explain, the clearest first.
+    """Return the tests of surfaces that explain a large part compared with the accepted effects, the clearest first.
 
-    The significance comes from ``together``, the model of fit runs and select runs; the start of the fit from the fit
-    runs.
+    ``together`` is the model of fit runs and select runs; it gives the significance. ``screened``, from the fit runs,
+    gives the start of the fit.
     """
     explained = sum(one.explained for one in accepted)
     tests = []
@@ -104,19 +104,19 @@ _NOT_KEPT: Final = (
 
 
 def dropped(unknown: Unknown) -> Unknown:
-    """Return a kept surface as one that is not kept, because it does not improve the prediction of the report runs."""
+    """Return the surface, marked as not kept, because it does not improve the prediction of the report runs."""
     return msgspec.structs.replace(unknown, kept=False, sentence=_NOT_KEPT.format(unknown.title, "test"))
 
 
 def _gain(model: FittedModel, fitted: FittedModel, select: Sequence[MeasuredRun]) -> float:
-    """Return the increase of the lpd of the select runs by the surface, as fitted."""
+    """Return the increase of the lpd of the select runs by a fitted surface; NaN without select runs."""
     if not select:
         return float("nan")
     return predict(fitted, select, fixed=True).lpd - predict(model, select, fixed=True).lpd
 
 
 def _effects_fixed(model: FittedModel, start: Point) -> Prior:
-    """Return the priors of a larger model that fix the effects of a fitted one at their values."""
+    """Return a prior for the larger model ``start`` that fixes the effects at their values in ``model``."""
     prior = prior_of(start)
     for i, coordinate in enumerate(model.point.coordinates):
         if coordinate.owner:
@@ -128,7 +128,9 @@ def _effects_fixed(model: FittedModel, start: Point) -> Prior:
 
 
 def resemblance(test: Omnibus, screening: Screening, most: int = 3) -> list[Nearest]:
-    """Return the named effects with the most similar footprint to the surface, by the cosine after projection."""
+    """Return the named effects whose footprints are most similar to that of the surface, by the cosine after
+    projection.
+    """
     best: dict[str, float] = {}
     for candidate, cosine in zip(screening.candidates, np.abs(test.cosines), strict=True):
         best[candidate.effect.name] = max(best.get(candidate.effect.name, 0.0), float(cosine))
@@ -137,8 +139,8 @@ def resemblance(test: Omnibus, screening: Screening, most: int = 3) -> list[Near
 
 
 def _regions(surface: Surface, coefficients: Array, deviations: Array) -> list[Region]:
-    """Return the ranges of each coordinate in which the surface differs from 0; coefficients are in units of their
-    spread.
+    """Return for each coordinate the range in which the surface differs from 0. Coefficients and deviations are in
+    units of the prior spread.
     """
     if not surface.centres:
         return []
@@ -190,7 +192,9 @@ def _span(low: float | None, high: float | None) -> str:
 
 
 def _map(surface: Surface, values: Array, deviations: Array) -> Figure | None:
-    """Return the fitted surface over its two coordinates, where the data determine it."""
+    """Return a map of the fitted surface over its two coordinates, only where the data determine it; None for another
+    number of coordinates.
+    """
     if not surface.centres or len(surface.coordinates) != 2:
         return None
     first = surface.coefficients[0]

@@ -72,7 +72,9 @@ class Judgement:
 
 
 def judge(problem: Problem, found: SearchResult) -> Judgement:
-    """Judge the result of the search together with the simulator's surfaces."""
+    """Test the result of the search with the surfaces of the simulator, remove doubtful effects, and return the
+    verdict.
+    """
     imitable, left = False, list[Dismissed]()
     while True:
         screened, clear = _beyond(problem, found)
@@ -96,14 +98,16 @@ def judge(problem: Problem, found: SearchResult) -> Judgement:
 
 
 def without_surfaces(judgement: Judgement, config: Config) -> Judgement:
-    """Return a judgement without its surfaces, which do not improve predictions; clear ones are still reported."""
+    """Return a judgement without surfaces in the model, because they do not improve predictions. Clear surfaces are
+    still reported.
+    """
     unknowns = tuple(dropped(one) for one in judgement.unknowns if (one.p or 0.0) < UNKEPT_SURFACE_P)
     verdict = _verdict(judgement.found, judgement.screened.screening, unknowns, config)
     return replace(judgement, verdict=verdict, model=judgement.screened.model, unknowns=unknowns)
 
 
 def _beyond(problem: Problem, found: SearchResult) -> tuple[ScreenedModel, list[Omnibus]]:
-    """Return the model with the accepted effects, its scores and surface tests, and the clear surfaces."""
+    """Return the model with the accepted effects, its scores and surface tests, and the tests of the clear surfaces."""
     replay, select, config = problem.replay, problem.select, problem.config
     current = found.state.current
     if not replay.simulator.surfaces:
@@ -156,7 +160,7 @@ def _below_samples(problem: Problem, found: SearchResult, model: FittedModel) ->
 def _with_select(
     around: Footprints, replay: Replay, select: Sequence[MeasuredRun], config: Config
 ) -> ScreenedModel:
-    """Fit and screen the model on the fit runs and the select runs together."""
+    """Fit and screen the model on the fit runs and the select runs together, and return the result."""
     there = replay.of(select)
     point = around.point.with_records(there.records)
     further = with_surfaces(there, footprints(there, point, around.candidates))
@@ -165,7 +169,9 @@ def _with_select(
 
 
 def final(verdict: Verdict, left: Remainder, rivals: int = 0) -> Verdict:
-    """Return the verdict adapted to the error on unseen runs, and to ``rivals`` that predict them equally well."""
+    """Return the verdict after the error on unseen runs is considered. ``rivals`` is the number of rivals that predict
+    these runs equally well.
+    """
     if verdict is Verdict.NO_EFFECT and left.large:
         return Verdict.UNRESOLVED
     if verdict not in {Verdict.NAMED, Verdict.REMAINDER}:

@@ -1,11 +1,11 @@
-"""Step 3, noise: the filter that whitens residuals and footprints, with any pattern of missing samples.
+"""Step 3, noise: the filter that whitens residuals and footprints. Samples may be missing anywhere.
 
 Theory of operation
 -------------------
-Whitening predicts each sample from its measured predecessors, and divides the error by its standard deviation. So the
-result is white with any missing samples, and the first samples of a run have the same weight as the last. Most samples
-of a channel have the same pattern of measured predecessors: weights are tabulated by pattern, and stretches of one
-pattern are filtered together. In a packed column (`columns.py`) the predecessors are adjacent.
+Whitening predicts each sample from its measured predecessors, and divides the prediction error by its standard
+deviation. So the result is white even if samples are missing, and the first samples of a run have the same weight as
+the last. Most samples of a channel have the same pattern of measured predecessors: weights are tabulated by pattern,
+and stretches of one pattern are filtered together. In a packed column (`columns.py`) the predecessors are adjacent.
 """
 
 from __future__ import annotations
@@ -36,10 +36,12 @@ from diagnosis.engine.noise import ChannelNoise, Noise
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChannelFilter:
-    """The whitening filter of one channel: stretches of the packed samples, each with its row of weights.
+    """The whitening filter of one channel. The packed samples are divided into s stretches, each with one row of
+    weights.
 
-    ``starts`` (s + 1,) bound the stretches, ``which`` (s,) are their rows of ``weights`` (w, p + 1): of the sample
-    itself, then of its packed predecessors, latest first. Only the first ``reach`` (w,) predecessors have weights.
+    ``starts`` (s + 1,) are the borders of the stretches, ``which`` (s,) are their rows in ``weights`` (w, p + 1). A row
+    holds the weight of the sample itself, then of its packed predecessors, latest first. Only the first ``reach`` (w,)
+    predecessors have weights.
     """
 
     starts: Places
@@ -49,7 +51,7 @@ class ChannelFilter:
 
     @property
     def deviation(self) -> float:
-        """The standard deviation by which white noise is divided; 0 if predecessors have weights."""
+        """The standard deviation of white noise, by which samples are divided; 0 if the noise is not white."""
         return 0.0 if self.weights.shape != (1, 1) else 1.0 / float(self.weights[0, 0])
 
     def __call__(self, values: AnyFloats, out: Any) -> None:
@@ -74,11 +76,11 @@ class Filter:
         return white[0]
 
     def spread(self, values: AnyFloats) -> Array:
-        """Whiten samples (n, c) and return them in their places (n, c); 0 where a sample does not count."""
+        """Whiten samples (n, c) and return them as an array (n, c), with 0 where a sample does not count."""
         return self.packing.spread(self(values))
 
     def columns(self, parts: Sequence[Columns]) -> Columns:
-        """Whiten columns in single precision; the result joins those of all ``parts``."""
+        """Whiten the columns of all ``parts`` in single precision, and return them joined."""
         white = [
             Columns(part.size, [_whitened(*one) for one in zip(self.channels, part.traces, strict=True)])
             for part in parts
@@ -87,7 +89,7 @@ class Filter:
 
 
 def _whitened(channel: ChannelFilter, raw: Trace) -> Trace:
-    """Whiten one channel of columns. White noise only changes the scale, without a copy."""
+    """Return one channel of columns after whitening. For white noise only the scale changes, and nothing is copied."""
     if channel.deviation:
         return raw.scaled(1.0 / channel.deviation)
     white = room(raw.values.shape)
@@ -114,7 +116,7 @@ def _whitening(channels: tuple[ChannelNoise, ...], packing: Packing) -> Filter:
 
 
 def _channel_filter(noise: ChannelNoise, counted: Mask) -> ChannelFilter:
-    """Tabulate the weights of one channel for each pattern of measured predecessors."""
+    """Return the filter of one channel, with a row of weights for each pattern of measured predecessors."""
     lags = noise.order
     lags += BRIDGED_GAP if lags and not counted.all() else 0
     rows = np.flatnonzero(counted)

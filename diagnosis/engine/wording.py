@@ -1,4 +1,4 @@
-"""Causes, rivals and scores in the form of the finding."""
+"""Conversion of causes, rivals and scores to the structures of the finding."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ def cause(
     laws: Sequence[Rival] = (),
     distinguishing_run: str = "",
 ) -> Cause:
-    """Return an accepted effect in the form of the finding.
+    """Return an accepted effect as a cause of the finding.
 
-    ``laws`` are indistinguishable laws of the same phenomenon, and ``distinguishing_run`` is a run that separates them.
-    A cause is only suspected if it improves the prediction of no unseen run.
+    ``laws`` are other laws of the same phenomenon that cannot be distinguished, and ``distinguishing_run`` is a run
+    that separates them. A cause is only suspected if it does not improve the prediction of any unseen run.
     """
     gained = left.gained(effect.name)
     confirmed = (left.role != "fit" and gained >= NO_GAIN) or accepted.lpd_gain > 0.5 * DISTINGUISHED
@@ -68,7 +68,9 @@ def cause(
 def laws(
     found: SearchResult, effects: Mapping[str, Hypothesis], instead_of: str, trials: Sequence[Trial]
 ) -> list[Rival]:
-    """Return laws of one phenomenon in the form of the finding, from their fits in place of a cause."""
+    """Return other laws of one phenomenon as rivals of the finding, from their fits in place of the cause
+    ``instead_of``.
+    """
     return [
         Rival(
             effect=trial.effect,
@@ -86,7 +88,7 @@ def laws(
 def rivals(
     found: SearchResult, effects: Mapping[str, Hypothesis], gap: float, alike: Sequence[Undecided] = ()
 ) -> list[Rival]:
-    """Return the other effects that explain the data, or predict unseen runs, as well as a cause."""
+    """Return the other effects that explain the data, or predict unseen runs, as well as an accepted cause."""
     found_rivals = [
         (a.effect, r.effect, "", estimates(effects[r.effect], r.point, r.covariance), r.bic - found.model.bic)
         for a, r in found.ambiguous(gap)
@@ -154,7 +156,10 @@ def scores(found: SearchResult, beside: Screening) -> list[Score]:
 
 
 def _still_scores(name: str, beside: Screening, why: str) -> str:
-    """Return the result of a score above the threshold of the base model; ``why`` the last step rejected the effect."""
+    """Return the outcome of an effect whose score exceeded the threshold against the base model.
+
+    ``why`` is the reason for which the last step rejected the effect; "" if there is none.
+    """
     if all(candidate.effect.name != name for candidate in beside.candidates):
         return "an accepted cause explains more"
     score = float(beside.z[beside.best(name)])

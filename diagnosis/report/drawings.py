@@ -1,4 +1,4 @@
-"""The drawings of a diagnosis: each function returns one SVG element, with the same bytes for the same finding."""
+"""The drawings of a diagnosis. Each function returns one SVG element; equal findings give equal bytes."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def trace_curves(name: str, trace: Trace, names: tuple[str, str]) -> str:
 
 
 def trace_errors(name: str, trace: Trace, names: tuple[str, str]) -> str:
-    """Draw the errors over the whole run, between their extremes, and the noise as a band of two standard
+    """Draw the errors over the whole run, as the range between their extremes, and a noise band of two standard
     deviations.
     """
     with style():
@@ -76,9 +76,7 @@ def trace_errors(name: str, trace: Trace, names: tuple[str, str]) -> str:
 
 
 def gain_rows(name: str, gains: Sequence[Gain], names: tuple[str, str]) -> str:
-    """Draw the error in each channel over its noise, before and after, on a logarithmic scale that ends at the
-    noise.
-    """
+    """Draw the ratio of error to noise in each channel, before and after, on a logarithmic scale. "" without data."""
     rows = [g for g in gains if g.noise_ratio_before is not None and g.noise_ratio is not None]
     if not rows:
         return ""
@@ -143,9 +141,10 @@ def score_points(name: str, scores: Sequence[Score], threshold: float) -> str:
 
 
 def panel_map(name: str, rows: Sequence[PanelRow]) -> str:
-    """Draw all tests over all channels, darker for a clearer error; a dot where a test does not apply.
+    """Draw a map of all tests over all channels. A darker cell is a clearer error; a dot marks a test that does not
+    apply.
 
-    The p-value would not distinguish them: in long runs it is 0 for every error.
+    The p-value is not drawn, because in long runs it is 0 for every error.
     """
     tests = list(dict.fromkeys(row.title for row in rows if row.test != "parity"))
     channels = list(dict.fromkeys(row.channel for row in rows if row.test != "parity"))
@@ -219,7 +218,7 @@ def _name_cells(axes: Axes, columns: Sequence[str], rows: Sequence[str], rotatio
 
 
 def _room(names: Sequence[str], least: float = 0.0) -> float:
-    """Return the width (inches) of the longest of some names in the page's font."""
+    """Return the width in inches that the longest of some names needs in the font of the page."""
     return max(least, 0.25 + LETTER * max(map(len, names)))
 
 
@@ -293,7 +292,9 @@ def _series(axes: Axes, figure: Figure, series: Series, color: str) -> None:
 
 
 def _even(axis: Axis, places: Array, ticks: int) -> Array:
-    """Return equidistant places for a map, with their values at the ticks. Speeds themselves are not equidistant."""
+    """Return equidistant positions for the values of a map axis, and label the ticks with the values, which are not
+    equidistant.
+    """
     known = np.unique(places[np.isfinite(places)])
     step = max(1, -(-known.size // ticks))
     axis.set_ticks(np.arange(known.size)[::step], _tick_labels(known)[::step])
@@ -301,7 +302,7 @@ def _even(axis: Axis, places: Array, ticks: int) -> Array:
 
 
 def _tick_labels(numbers: Array) -> list[str]:
-    """Return numbers with the digits that their range requires; values far below that range are 0."""
+    """Return numbers as text with the decimals that their range requires. Numbers that round to 0 are "0"."""
     reach = float(np.ptp(numbers)) if numbers.size else 0.0
     decimals = max(0, 1 - math.floor(math.log10(reach))) if reach > 0.0 else 3
     rounded = [round(float(n), decimals) for n in numbers]
@@ -340,7 +341,7 @@ def _log_axis(axes: Axes, axis: str, shown: Sequence[float | None]) -> None:
 
 
 def _plain_log(axes: Axes, axis: str) -> None:
-    """Set ticks at 1, 2 and 5 (at decades only for a long axis), written as plain numbers."""
+    """Set the ticks of a logarithmic axis at 1, 2 and 5 (at decades only for a long axis), written as plain numbers."""
     from matplotlib.ticker import LogLocator, NullLocator
 
     which = axes.xaxis if axis == "x" else axes.yaxis

@@ -112,7 +112,7 @@ ul.sentences { max-width: 54rem; } ul.sentences li { margin-bottom: .18rem; }
 
 
 class RunOfInvestigation(NamedTuple):
-    """One plan of an investigation, and the conclusion from all data up to it; ``minutes`` on the bench."""
+    """One plan of an investigation, and the conclusion from all data so far. ``minutes`` is the time on the bench."""
 
     plan: str
     minutes: float
@@ -121,7 +121,7 @@ class RunOfInvestigation(NamedTuple):
 
 
 class InvestigationHistory(NamedTuple):
-    """The runs of an investigation, and why it ended; ``budget`` in minutes of the bench."""
+    """The runs of an investigation, and why it ended. ``budget`` is in minutes of the bench."""
 
     runs: Sequence[RunOfInvestigation]
     budget: float
@@ -136,7 +136,7 @@ def write_report(finding: Finding, path: Path | str, history: InvestigationHisto
 
 
 def headline(finding: Finding) -> str:
-    """Return the verdict in a few words that do not exceed the evidence."""
+    """Return the verdict in a few words that claim no more than the evidence shows."""
     if finding.suspected:
         return "A cause is suspected, but no test run confirms it"
     if finding.verdict is Verdict.NAMED and any(cause.laws for cause in finding.causes):
@@ -222,7 +222,7 @@ def _conclusions(finding: Finding, history: InvestigationHistory | None) -> Iter
 
 
 def _cause(cause: Cause) -> Markup:
-    """Return a cause and the other laws of its phenomenon."""
+    """Return the part of the page on a cause and on the other laws of its phenomenon."""
     separated = (
         f" This run can distinguish them: {typeset(cause.separated_by)}." if cause.separated_by else ""
     )
@@ -255,7 +255,7 @@ def _unknown(place: int, one: Unknown) -> Markup:
 
 
 def _detectable(unseen: Sequence[Unseen]) -> Markup:
-    """Return the sizes from which on effects would be found; empty without any."""
+    """Return a section on the smallest detectable size of each effect that was not found; empty if there is none."""
     if not unseen:
         return Markup()
     hidden: dict[str, list[str]] = {}
@@ -276,7 +276,7 @@ def _detectable(unseen: Sequence[Unseen]) -> Markup:
 
 
 def _gain(finding: Finding) -> Markup:
-    """Return the errors of both models on the report runs, and their curves."""
+    """Return a section with the errors of both models on the report runs, and their curves."""
     runs = finding.provenance.report
     names = (
         drawings.CAUSES if finding.models.effects else drawings.FUNCTION if _kept(finding) else drawings.MODEL
@@ -315,7 +315,7 @@ def _kept(finding: Finding) -> bool:
 
 
 def _covered(one: Coverage, names: tuple[str, str]) -> str:
-    """Return the share of samples within the noise, by both models."""
+    """Return a sentence on the share of samples within a noise band, for both models."""
     level, before, after = (percent(part or 0.0) for part in (one.level, one.before, one.after))
     found = after if names[0] == names[1] else f"{before} {names[0]} and {after} {names[1]}"
     return f"Errors within the {level} band of the noise: {found}. A perfect model has {level}."
@@ -327,7 +327,7 @@ def _gain_row(one: Gain, *, both: bool) -> tuple[object, ...]:
 
 
 def _details(finding: Finding) -> Iterator[Markup]:
-    """Yield terms, and predicted results of plans."""
+    """Yield the sections on terms and on predicted results of plans."""
     yield section("Terms", facts_table(_TERMS))
     if finding.checks:
         measured = any(one.measured is not None for one in finding.checks)
@@ -350,7 +350,7 @@ def _check_row(one: CheckPrediction) -> tuple[str, ...]:
 
 
 def _next_steps(finding: Finding) -> Markup:
-    """Return the runs and reference measurements that would distinguish the causes."""
+    """Return a section on the runs and reference measurements that would distinguish the causes."""
     most = max((run.per_minute or 0.0 for run in finding.next_runs), default=0.0)
     titles = _titles(finding)
     keys = re.compile("|".join(sorted(map(re.escape, titles), key=len, reverse=True)))
@@ -380,7 +380,9 @@ def _share(value: float | None, most: float) -> Markup:
 
 
 def _tests(finding: Finding) -> Iterator[Markup]:
-    """Yield the scores of all candidates, with those that were rejected, and the tests of the residuals."""
+    """Yield the sections on the scores of all candidates, including rejected ones, and on the tests of the
+    residuals.
+    """
     known = {*finding.names, *(one.effect for one in finding.ambiguous_with)}
     above = [
         one for one in finding.scores if (one.score or 0.0) > finding.threshold and one.effect not in known
@@ -422,7 +424,9 @@ def _tests(finding: Finding) -> Iterator[Markup]:
 
 
 def _limits(finding: Finding) -> Iterator[Markup]:
-    """Yield what these runs can distinguish, how the base parameters changed, the data and their checks."""
+    """Yield the sections on what these runs can distinguish, on changes of the base parameters, and on the data and
+    their checks.
+    """
     if finding.verdict is not Verdict.NO_EFFECT:
         yield _detectable(finding.not_seen)
     if finding.confusability:
@@ -465,7 +469,7 @@ def _limits(finding: Finding) -> Iterator[Markup]:
 
 
 def _quality_rows(rows: Sequence[DataQuality]) -> list[tuple[object, ...]]:
-    """Return a row for all columns of a file with the same result."""
+    """Return the rows of the table of data quality. Columns of a file with the same result share a row."""
     columns: dict[tuple[str, ...], list[str]] = {}
     for one in rows:
         of = f"gap{'s' if one.count > 1 else ''} in" if one.check == "missing" else "of"
@@ -490,7 +494,7 @@ def _titles(finding: Finding) -> dict[str, str]:
 
 
 def interval(estimate: Estimate) -> str:
-    """Return the 95 % interval of a fitted number as text, or the bound below which the samples do not resolve it."""
+    """Return the 95 % interval of a fitted number as text; an upper bound if the samples do not resolve the number."""
     if estimate.below is not None:
         return f"below {shown(estimate.below, 2)} (too small to measure)"
     if estimate.low is None or estimate.high is None:
@@ -500,7 +504,7 @@ def interval(estimate: Estimate) -> str:
 
 
 def _one_of_each_test_first(rows: Sequence[PanelRow]) -> list[PanelRow]:
-    """Return the first rows to show: the clearest of every test, then the others, clearest first."""
+    """Return the panel rows to show: first the clearest row of every test, then the others, clearest first."""
     first: dict[str, PanelRow] = {}
     for row in rows:
         first.setdefault(row.test, row)
@@ -509,7 +513,9 @@ def _one_of_each_test_first(rows: Sequence[PanelRow]) -> list[PanelRow]:
 
 
 def _largest_shifts(shifts: Sequence[Shift]) -> list[Shift]:
-    """Return the parameters outside of their earlier 95 % intervals, largest shift first."""
+    """Return the parameters whose values with the causes are outside the 95 % intervals without the causes, largest
+    shift first.
+    """
     moved = [shift for shift in shifts if abs(shift.sigmas or 0.0) > Z95]
     return sorted(moved, key=lambda shift: -abs(shift.sigmas or 0.0))[:SHIFTS]
 

@@ -15,7 +15,7 @@ _TOML = re.compile(
 
 
 def shown(value: float | None, digits: int = 3) -> str:
-    """Return a number with ``digits`` significant digits; far from 1 as a power of ten."""
+    """Return a number with ``digits`` significant digits; as a power of ten if it is far from 1."""
     return DASH if value is None else significant(value, digits)
 
 
@@ -32,7 +32,7 @@ def unit(name: str) -> str:
 
 
 def _raised(text: str) -> str:
-    """Return a text with the powers of its units in superscript: mm², g/(min·bar²)."""
+    """Return a text with typeset units: powers in superscript and products with a dot (mm², g/(min·bar²))."""
     powers = re.sub(r"\b(m|cm|mm|bar)([23])\b", lambda m: m[1] + m[2].translate(SUPERSCRIPT), text)
     return re.sub(r"(?<=[a-zA-Z])\*(?=[a-z])", "·", powers)
 
@@ -54,7 +54,9 @@ def _set(text: str) -> str:
 
 
 def prose(sentence: str) -> str:
-    """Return a typeset sentence of the finding, with a capital unless it begins with the name of a channel."""
+    """Return a typeset sentence of the finding. It begins with a capital unless the first word is the name of a
+    channel.
+    """
     text = typeset(sentence)
     named = "." in text.split(" ", 1)[0].rstrip(".,:")
     return text if named else text[:1].upper() + text[1:]

@@ -1,6 +1,6 @@
 """A chamber of constant volume that is filled, closed and observed: its pressure and, if measured, its temperature.
 
-Sealed, with gas at wall temperature, p is constant. Everything else is an effect of the catalogue.
+If it is sealed and its gas is at wall temperature, p is constant. Everything else is an effect of the catalogue.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ _NUISANCES: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chamber:
-    """The simulator. The only input is ``time``, seconds since the start of the file. Settings and pressures are in
-    SI.
+    """The simulator of a closed chamber. Its only input is ``time``, seconds since the start of the file. All values
+    are in SI.
 
-    The setting ``start_pressure`` of each experiment is its measured gauge pressure at the start.
+    The setting ``start_pressure`` of each experiment is the gauge pressure measured at its start.
     """
 
     volume: float
@@ -89,7 +89,7 @@ class Chamber:
 
 
 def _leaks(effects: Effects) -> Array:
-    """Return the numbers of the leak laws in the order of `_flow`; 0 for missing ones."""
+    """Return the parameters of all leak laws as an array, in the order of `_flow`; 0 for laws that are missing."""
     orifice = effects.get("leak_orifice", {})
     opening = effects.get("leak_opening", {})
     porous = effects.get("leak_inertial", {})
@@ -173,7 +173,9 @@ def _prepare(step: float, clock: Array, measured: Mapping[str, Array]) -> Mappin
 
 
 def _begin(measured: Mapping[str, Array]) -> Mapping[str, float]:
-    """Return the pressure at the start of a record, from a line through the first samples because it may fall fast."""
+    """Return the pressure at the start of a record. It is read from a line through the first samples, because it may
+    fall fast.
+    """
     pressure = measured["pressure"][:_FIRST]
     known = np.flatnonzero(np.isfinite(pressure))
     if len(known) < 2:

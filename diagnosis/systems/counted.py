@@ -1,7 +1,9 @@
-"""The samples of a record that count: informative readings, and forces while the acceleration of the bolster is known.
+"""Selection of the samples that count: readings with information, and forces while the acceleration of the bolster is
+known.
 
 The record of a planned run will count the same samples (`counted_if_recorded`). A run whose forces do not count cannot
-decide by them, and a thermometer with a resolution of 50 mK gives information a hundred times less often than readings.
+decide between causes by its forces. A thermometer with a resolution of 50 mK gives new information a hundred times less
+often than readings.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,11 +36,11 @@ _SEEN_BY: Final = {
 def counted_if_recorded(
     experiment: Experiment, outputs: Array, channels: Sequence[Channel], par: Any
 ) -> NDArray[np.bool_]:
-    """Return a mask of the samples (n, c) that would count in the record of a planned experiment with these
+    """Return a mask (n, c): True for samples that would count in the record of a planned experiment with these
     ``outputs``.
 
     The bench's accelerometer measures the lateral acceleration. The setting ``conditioned`` is the time (s of the
-    experiment) when friction no longer depends on the history.
+    experiment) from which on friction no longer depends on the history.
     """
     inputs, step = experiment.inputs, experiment.step
     acceleration = np.gradient(np.gradient(inputs["shear"], step), step) if "shear" in inputs else None
@@ -64,11 +66,11 @@ def counted_if_recorded(
 def undetermined_forces(
     inputs: Mapping[str, Array], par: Any, lateral: NDArray[np.bool_] | None = None
 ) -> dict[str, NDArray[np.bool_]]:
-    """Return a mask of the samples (n,) at which actuator forces do not determine the forces of the springs, by
-    channel.
+    """Return a mask (n,) for each force channel: True where the force of an actuator does not determine the force of
+    the springs.
 
-    There the acceleration of the bolster is not known well enough. ``lateral`` is where no accelerometer measures the
-    lateral one; None without an accelerometer.
+    There the acceleration of the bolster is not known well enough. ``lateral`` is True where the lateral acceleration
+    is not measured; None without an accelerometer.
     """
     turns = {
         name: abrupt(inputs[name], sensor_noise(sensor, par))
@@ -90,10 +92,11 @@ def coarse(channel: Channel) -> bool:
 
 
 def while_it_moves(values: Array, step: float) -> Array:
-    """Return the readings (n,) of a fast signal with a coarse resolution ``step``, and one reading per stretch at rest.
+    """Return the readings (n,) of a fast signal with a coarse resolution ``step``, but only one reading per stretch at
+    rest.
 
     While a signal moves, rounding errors change between samples and act like noise. While it stays within a step, the
-    error is constant: of such a stretch only the middle is kept, the others are NaN.
+    error is constant: of such a stretch only the middle sample is kept, the others are NaN.
     """
     result = values.copy()
     known = np.flatnonzero(np.isfinite(values))
@@ -111,12 +114,12 @@ def while_it_moves(values: Array, step: float) -> Array:
 
 
 def at_its_steps(values: Array) -> Array:
-    """Return the informative readings (n,) of a signal whose resolution is coarser than its noise, else NaN.
+    """Return the informative readings (n,) of a signal whose resolution is coarser than its noise; the others are NaN.
 
-    Of a slow signal only the steps count, because a hundred equal readings contain no more information than one. At a
+    For a slow signal only the steps count, because a hundred equal readings contain no more information than one. At a
     step the signal is half-way between both readings. Noise may cause several steps between the same two readings; only
-    the middle one counts. Of a fast signal every reading counts, because half-way between two samples a wave is not
-    half-way between their readings but further out, by a fifth of its amplitude for 2 Hz at ten samples per second.
+    the middle one counts. For a fast signal every reading counts: half-way between two samples, a wave is not half-way
+    between the readings but further out, by a fifth of its amplitude for 2 Hz at ten samples per second.
     """
     result = np.full(len(values), np.nan)
     known = np.flatnonzero(np.isfinite(values))

@@ -11,7 +11,7 @@ from diagnosis.contracts import Array
 def resample(time: Array, values: Array, grid: Array, longest_gap: float) -> Array:
     """Return ``values`` (n,) at the times ``grid`` (m,), by linear interpolation.
 
-    NaN outside of the samples and between neighbours more than ``longest_gap`` apart.
+    The result is NaN outside of the samples, and between neighbours that are more than ``longest_gap`` apart.
     """
     known = np.isfinite(values)
     t, y = time[known], values[known]
@@ -27,10 +27,10 @@ def resample(time: Array, values: Array, grid: Array, longest_gap: float) -> Arr
 
 
 def resample_held(time: Array, values: Array, grid: Array, *, whole: bool = False) -> Array:
-    """Return ``values`` (n,) that are held until the next sample, for each step of ``grid`` (m,).
+    """Return ``values`` (n,), each of which applies until the next sample, for each step of ``grid`` (m,).
 
     If they change within a step, the result is their mean; for ``whole`` values it is the value in the middle of the
-    step. NaN before the first sample.
+    step. It is NaN before the first sample.
     """
     known = np.isfinite(values)
     t, y = time[known], values[known]
@@ -56,9 +56,7 @@ def resample_held(time: Array, values: Array, grid: Array, *, whole: bool = Fals
 
 
 def bridge(values: Array) -> Array:
-    """Return ``values`` (n,) with NaN replaced by linear interpolation, because an input needs a value at every
-    sample.
-    """
+    """Return ``values`` (n,) with each NaN replaced by linear interpolation. Inputs need a value at every sample."""
     known = np.isfinite(values)
     index = np.arange(len(values))
     return np.interp(index, index[known], values[known])
@@ -72,7 +70,7 @@ def gaps_in(values: Array) -> list[tuple[int, int]]:
 
 
 def reversals(x: Array, least: float) -> NDArray[np.intp]:
-    """Return the indices of the turning points of ``x`` (n,) between which it moves by at least ``least``."""
+    """Return the indices of the turning points of ``x`` (n,). Between two of them x changes by at least ``least``."""
     turns: list[int] = []
     highest = lowest = 0
     rising: bool | None = None

@@ -1,4 +1,4 @@
-"""The refresh period of readings that are held between refreshes.
+"""Estimation of the refresh period of a reading that keeps its value between refreshes ("held").
 
 Theory of operation
 -------------------
@@ -59,8 +59,8 @@ class ChannelErrors(NamedTuple):
         return float(self.clock[1] - self.clock[0])
 
     def without_lateness(self) -> "ChannelErrors":
-        """Return the channel without the part that a constant delay explains, divided by the standard deviation of the
-        rest.
+        """Return the channel minus the part of its errors that a constant delay explains, divided by the standard
+        deviation of the rest.
         """
         late = float(self.errors @ self.rates) / max(float(self.rates @ self.rates), 1e-300)
         rest = self.errors - late * self.rates
@@ -69,7 +69,9 @@ class ChannelErrors(NamedTuple):
 
 
 def errors_of(run: MeasuredRun, places: Sequence[int], expected: Array) -> Iterator[ChannelErrors]:
-    """Yield the channels of a run at ``places`` among its outputs, compared with their ``expected`` values (n, m)."""
+    """Yield for each channel at ``places`` the errors of a run: measured minus ``expected`` values (n, m). Skip
+    unmeasured channels.
+    """
     clock = run.experiment.settings.get("start", 0.0) + run.experiment.time
     for place, values in zip(places, expected.T, strict=True):
         counted = run.counted[:, place]
@@ -106,7 +108,9 @@ def held_period(channels: Sequence[ChannelErrors], shortest: float, longest: flo
 
 
 def _together(channels: Sequence[ChannelErrors]) -> list[ChannelErrors]:
-    """Return the channels for one common spectrum: with the same sampling, and not too long after the first."""
+    """Return the channels that one spectrum can contain: with equal sampling, and ending not too long after the first
+    start.
+    """
     if not channels:
         return []
     first = min(channels, key=lambda one: float(one.clock[0]))
@@ -130,7 +134,7 @@ class _Spectrum(NamedTuple):
         return float(self.frequencies[1])
 
     def around(self, place: int) -> float:
-        """Return the mean power around a line; for noise it is the median divided by ln 2."""
+        """Return the mean power around a line. It is computed as the median divided by ln 2, as for noise."""
         near, far = (round(hertz / self.step) for hertz in (_NEAR, _FAR))
         power = np.abs(
             np.r_[self.values[max(place - far, 0) : place - near], self.values[place + near : place + far]]
@@ -139,7 +143,7 @@ class _Spectrum(NamedTuple):
 
 
 def _spectra(channels: Sequence[ChannelErrors]) -> tuple[_Spectrum, _Spectrum]:
-    """Return the spectra of error times rate, and of the size of the rate, which shows even orders of steady
+    """Return two spectra: of error times rate, and of the size of the rate, which shows even orders of steady
     motions.
     """
     first = min(float(one.clock[0]) for one in channels)
@@ -158,7 +162,9 @@ def _spectra(channels: Sequence[ChannelErrors]) -> tuple[_Spectrum, _Spectrum]:
 
 
 def _taken(channels: Sequence[ChannelErrors], period: float) -> float:
-    """Return the part of the square of the errors that readings held for ``period`` explain."""
+    """Return the decrease of the sum of squared errors if readings are held for ``period`` (s); negative for the wrong
+    sign.
+    """
     product, square = 0.0, 0.0
     for clock, errors, rates in channels:
         shape = -rates * ((clock + _AT_ONCE) % period - 0.5 * period)

@@ -1,8 +1,8 @@
 """Integration of a system with a fixed step: the classical Runge-Kutta method for a custom right-hand side.
 
-The right-hand side is a function ``rates(state, inputs, p)`` of the state (k,), the inputs (m,) at that time, and a
-tuple of other values. It returns the k rates of change as a tuple or an array. It may be plain Python and numpy.
-Compiled by ``numba.njit`` it is a hundred times faster; then the method is compiled with it, once for each process.
+The right-hand side is a function ``rates(state, inputs, p)`` of the state (k,), the present inputs (m,), and a tuple of
+other values. It returns the k rates of change as a tuple or an array. It may use plain Python and numpy. Compiled by
+``numba.njit`` it is a hundred times faster; then the method is compiled with it, once for each process.
 """
 
 from __future__ import annotations

@@ -105,9 +105,10 @@ def nearer_unit(
     dataset: Dataset,
     read: ReadRuns,
 ) -> str | None:
-    """Return the unit of a column with the much better nominal simulation: that of the map, or the ``stated`` one.
+    """Return the unit of a column with which the nominal simulation is much nearer to the data: that of the map, or
+    ``stated``.
 
-    None if neither is much better, or if nothing can be simulated with one of them.
+    None if neither is much better, or if the simulation fails with one of them.
     """
     channels = [channel.name for channel in dataset.channels]
     other_columns = dict(columns) | {name: msgspec.structs.replace(columns[name], unit=stated)}
@@ -123,7 +124,9 @@ def nearer_unit(
 
 
 def _clearly_nearer(now: _Errors, other: _Errors) -> NDArray[np.bool_]:
-    """Return for which channels (c,) the other errors are so much smaller that the present reading is doubtful."""
+    """Return a mask (c,): True for channels whose errors with the other reading are so much smaller that the present
+    one is doubtful.
+    """
     astray = (now.varied > 1.0) & (other.varied < _BETTER * now.varied)
     return astray | (other.whole < _BETTER * now.whole)
 
@@ -189,7 +192,7 @@ def _loop_work(runs: Sequence[MeasuredRun], system: System, channels: Sequence[s
 
 
 def _loops(force: Array, way: Array) -> list[float]:
-    """Return the work (J) of each stroke there and back, closed by a straight line."""
+    """Return the work (J) of each pair of strokes, there and back; the loop is closed by a straight line."""
     known = np.isfinite(force)
     force, way = force[known], way[known]
     if len(way) < 2 or not np.ptp(way) > _ROUNDING * float(np.abs(way).max()):
@@ -203,9 +206,9 @@ def _loops(force: Array, way: Array) -> list[float]:
 
 
 def _surely_negative(works: Sequence[float]) -> bool:
-    """Return whether the negative works are not due to chance: significantly many, or all of similar size.
+    """Return whether the works are negative not only by chance: significantly many are, or all have a similar size.
 
-    The noise of a column at rest makes loops too, of both signs.
+    Loops from the noise of a column at rest have both signs.
     """
     values, count = np.array(works), len(works)
     negative = int(np.sum(values < 0.0))
@@ -250,7 +253,9 @@ def _errors(runs: Sequence[MeasuredRun], simulator: Simulator, channels: Sequenc
 
 
 def _groups(system: System, columns: Mapping[str, Column]) -> Iterator[dict[str, Column]]:
-    """Yield columns with other readings: each alone, all inputs or outputs of one quantity together, and both."""
+    """Yield changed columns to test: each column alone, all inputs or all outputs of one quantity, and both
+    together.
+    """
     groups: dict[tuple[str, ...], None] = {}
     for signals in (system.inputs, system.outputs, (*system.inputs, *system.outputs)):
         mapped = [one for one in signals if one.name in columns]

@@ -52,7 +52,7 @@ class TimeColumn(TimeSource, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
 
 class Column(Source, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """``[columns.x]``: SI = sign · factor of the unit · value + offset."""
+    """``[columns.NAME]``: how to read a column. SI = sign · factor of the unit · value + offset."""
 
     unit: str | None = None  #: else the head of the column states it
     reading: Literal["gauge", "absolute"] | None = None
@@ -66,7 +66,7 @@ class Column(Source, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 class RoleRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``[[runs.role]]``: the first rule that matches file and run gives the role."""
+    """``[[runs.role]]``: a role for matching files and runs. The first rule that matches is used."""
 
     role: Role
     files: str = "*"
@@ -74,7 +74,7 @@ class RoleRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Runs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """``[runs]``: how a file is cut into runs, which part of each is not scored, and the role of each."""
+    """``[runs]``: how a file is cut into runs, which part of each run is not scored, and the role of each run."""
 
     cut: Literal["file", "strokes", "time"] = "file"
     signal: str | None = None
@@ -103,7 +103,7 @@ class FrameKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
 
 class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A whole map file."""
+    """All keys of a map file."""
 
     system: str | None = None
     simulator: str | None = None  #: custom simulator, "package.module:factory", which may lie next to the map
@@ -121,7 +121,7 @@ class Map(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
 
 
 def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]:
-    """Return the map and its system: the user's ``simulator`` if one is given."""
+    """Read a map file, and return the map and its system. ``simulator`` is the user's own, if the map names none."""
     with file_errors(map_path, DiagnosisError):
         content = read_toml(map_path)
     try:
@@ -148,9 +148,10 @@ def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]
 
 
 def plain_map(first: Path, simulator: str) -> tuple[Map, System]:
-    """Return a map for files whose columns have the names of the signals of a ``simulator``, in SI, and ``time`` in s.
+    """Return a map for files without a map. Their columns have the names of the signals of ``simulator``, in SI, and
+    ``time`` in s.
 
-    Outputs that the ``first`` file does not have were not measured.
+    Outputs that the ``first`` file does not have count as not measured.
     """
     if simulator.lower().endswith(".fmu"):
         raise DiagnosisError(
@@ -204,9 +205,9 @@ def _system(mapping: Map, where: Path) -> System:
 
 
 def settings_of(mapping: Map, system: System, where: Path, file: Path | None = None) -> dict[str, float]:
-    """Return every setting of the system in SI, for one ``file`` or for all, from the map or by default.
+    """Return every setting of the system in SI, from the map or by default, for one ``file`` or for all.
 
-    DiagnosisError reports all settings that are wrong or missing.
+    Raises one DiagnosisError for all settings that are wrong or missing.
     """
     errors = Errors()
     known = {setting.name: setting for setting in system.settings}
@@ -252,13 +253,13 @@ def _setting(text: str, setting: SystemSetting, system: System, where: str) -> f
 
 
 def held_inputs(mapping: Map, system: System) -> frozenset[str]:
-    """Return the inputs that keep their values between samples, by the map or else by the system."""
+    """Return the inputs that keep their values between samples. The map decides; without its key the system decides."""
     given = {name: column.hold for name, column in mapping.columns.items() if column.hold is not None}
     return frozenset(one.name for one in system.inputs if given.get(one.name, one.held))
 
 
 def channels_of(mapping: Map, system: System, where: Path, errors: Errors) -> tuple[Channel, ...]:
-    """Return the outputs of the map; errors of its columns are added to ``errors``."""
+    """Return the outputs that the map has columns for, and add the errors of these columns to ``errors``."""
     signals = system.signals
     known = set(system.errors)
     for name, column in mapping.columns.items():
@@ -305,10 +306,10 @@ def channels_of(mapping: Map, system: System, where: Path, errors: Errors) -> tu
 def read_columns(
     path: Path, keys: FileKeys, time: TimeSource, wanted: Mapping[str, Source], account: Account
 ) -> dict[str, Series]:
-    """Return the ``wanted`` columns by their names in the map, each with its own times.
+    """Read the ``wanted`` columns of a file. Return them by their names in the map, each with its own times.
 
-    ``account`` receives notes on how the file was read and which rows were skipped. DiagnosisError names file, key and
-    column, and the existing columns.
+    ``account`` receives notes on how the file was read and which rows were skipped. Raises DiagnosisError with the
+    file, the key, the column, and the existing columns.
     """
     try:
         return reading.read_series(path, keys, time, wanted, account)
@@ -317,8 +318,8 @@ def read_columns(
 
 
 def column_names(path: Path, wanted: Sequence[ColumnName]) -> list[str]:
-    """Return the names of all columns of a file whose head contains some of the ``wanted``. Raises DiagnosisError if
-    none.
+    """Return the names of all columns of a file whose header contains some of the ``wanted`` names; otherwise raise
+    DiagnosisError.
     """
     try:
         return reading.column_names(path, FileKeys(), Account(), wanted)

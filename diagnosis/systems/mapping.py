@@ -1,4 +1,4 @@
-"""A user's own files as a dataset for a diagnosis: cut, resampled and converted to SI by a map file."""
+"""Reads a user's own files as a dataset for a diagnosis: cuts, resamples and converts them to SI by a map file."""
 
 from __future__ import annotations
 
@@ -74,10 +74,11 @@ def read_mapped(
 ) -> tuple[Simulator, Dataset]:
     """Return the simulator and the runs in ``paths``, in SI on an equidistant grid.
 
-    The simulator is named in the map, or by ``own``, "package.module:factory". Without a map, columns have the names of
-    its signals. A user's own simulator is checked against its contract on the shortest run. Outputs that were not
-    measured are no channels of the dataset. In a gap outputs are NaN and inputs are interpolated. ``frames`` reads logs
-    of CAN frames. DiagnosisError names file, key, value with its unit, and the correct form.
+    The simulator is named in the map, or by ``own`` as "package.module:factory". Without a map, the columns have the
+    names of the simulator's signals. A user's own simulator is checked against its contract on the shortest run.
+    Outputs that were not measured are no channels of the dataset. In a gap outputs are NaN and inputs are interpolated.
+    ``frames`` reads logs of CAN frames. Raises DiagnosisError with the file, the key, the value with its unit, and the
+    correct form.
     """
     if not paths:
         raise DiagnosisError(f"{map_path or own}: there are no data files; name at least one")
@@ -135,7 +136,9 @@ def _digest(map_path: Path | None, paths: Sequence[Path], system: System) -> str
 
 
 def _not_left_out(missing: Iterable[Remark], remarks: Sequence[Remark]) -> list[Remark]:
-    """Return the gaps of outputs in the file itself, without those from skipped rows; of inputs all gaps."""
+    """Return the remarks on gaps without those caused by skipped rows. For outputs only gaps in the file itself remain,
+    for inputs all.
+    """
     left = {(one.file, one.column) for one in remarks if one.consequence.startswith(LEFT_OUT)}
     return [one for one in missing if one.consequence != LEFT_OUT or (one.file, one.column) not in left]
 
@@ -147,8 +150,8 @@ def _settle_units(
     dataset: Dataset,
     read: Callable[[Mapping[str, Column], Sequence[str]], Sequence[MeasuredRun]],
 ) -> None:
-    """Use the map's unit instead of the header's if the simulation is much nearer with it; otherwise raise
-    DiagnosisError.
+    """Decide on units for which map and column header disagree. Use the map's unit if the simulation is much nearer
+    with it; otherwise raise DiagnosisError.
     """
     for name, (path, stated) in list(reader.contradicted.items()):
         unit = columns[name].unit
@@ -174,7 +177,7 @@ def _refuse_empty(runs: Sequence[MeasuredRun], channels: Sequence[Channel], wher
 
 
 def _described(simulator: Simulator, given: Sequence[Channel], where: Path) -> tuple[Channel, ...]:
-    """Return the measured channels of the simulator, with noise and resolution of the map if it states them."""
+    """Return the measured channels of the simulator, with noise and resolution from the map where it states them."""
     known = {channel.name: channel for channel in simulator.channels}
     for channel in given:
         if channel.name not in known:
@@ -194,7 +197,7 @@ def _described(simulator: Simulator, given: Sequence[Channel], where: Path) -> t
 
 @dataclass(frozen=True, slots=True)
 class _Reader:
-    """Makes runs from the table of a file by a map; ``columns`` may differ from those of the map."""
+    """Makes runs from the table of a file, by a map. Its methods accept columns that differ from those of the map."""
 
     mapping: Map
     system: System
@@ -208,7 +211,7 @@ class _Reader:
     remarks: list[Remark] = field(default_factory=list)
 
     def table(self, path: Path, frames: FrameReader | None) -> dict[str, Series]:
-        """Return the columns of a file without samples that fail data checks, which are added to the remarks."""
+        """Return the columns of a file without samples that fail data checks. The failures are added to the remarks."""
         mapping, account = self.mapping, self.accounts[path]
         found = None
         if frames is not None and mapping.file.format is None:
@@ -266,7 +269,7 @@ class _Reader:
     def _on_grid(
         self, path: Path, table: Mapping[str, Series], columns: Mapping[str, Column]
     ) -> tuple[Array, dict[str, Array]]:
-        """Return the equidistant times (n,) and every signal there in SI, NaN in its gaps."""
+        """Return equidistant times (n,), and every signal at these times in SI, with NaN in its gaps."""
         signals, ambient = self.system.signals, self.ambient(path)
         grid, gaps = _clock(path, table, self.mapping, self.where, self.held)
         values = {}
@@ -307,7 +310,7 @@ class _Reader:
         )
 
     def _unit(self, path: Path, name: str, series: Series, column: Column) -> str:
-        """Return the unit of a column, from the map or from the head of the column, which must agree."""
+        """Return the unit of a column, from the map or from the column header. If both state one, they must agree."""
         key, stated = f"{self.where}: columns.{name}.unit", series.unit.strip().removeprefix("-")
         if stated in ("", column.unit):
             if column.unit is None:
@@ -339,7 +342,7 @@ class _Reader:
 
 
 def _lead(mapping: Map, system: System, where: Path, step: float) -> int | None:
-    """Return the number of samples by which a replay begins before its run; None: at the start of the file."""
+    """Return how many samples before its run a replay begins; None if it begins at the start of the file."""
     lead = mapping.runs.lead
     if system.forgets:
         return 0 if lead is None else round(difference(lead, "s", f"{where}: runs.lead") / step)

@@ -1,7 +1,8 @@
 """Effects of measurement that a model of the system lacks: gain, offset, drift, lag, delay, held samples.
 
-Each is a cause for one signal, named as ``lag.force``. For an output, the effect changes the model's value y to the
-reading. For an input, the value u that drives the model follows from the recorded u_m by the inverse.
+Each is a cause for one signal, with a name such as ``lag.force``. For an output, the effect converts the value y of the
+model to the reading. For an input, the inverse of the effect converts the recorded value u_m to the value u that drives
+the model.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class Measured:
 
 
 def measurement_effects(signals: Sequence[Measured]) -> Mapping[str, Hypothesis]:
-    """Return every cause by name."""
+    """Return all measurement effects of the signals by name."""
     return MappingProxyType({one.name: one for signal in signals for one in _errors_of_signal(signal)})
 
 
@@ -134,7 +135,9 @@ def _held(signal: Measured) -> Hypothesis:
 
 
 def read_as(name: str, values: Array, time: Array, effects: Effects) -> Array:
-    """Return the readings of an output ``values`` (n,) at equidistant ``time`` (n,) from the start of the record."""
+    """Return the readings (n,) of an output with ``values`` (n,), after all measurement effects. ``time`` (n,) is
+    equidistant, from the start of the record.
+    """
     step = float(time[1] - time[0])
     y = values
     if lag := _value(effects, "lag", name, "lag"):
@@ -148,7 +151,9 @@ def read_as(name: str, values: Array, time: Array, effects: Effects) -> Array:
 
 
 def driven_by(name: str, values: Array, time: Array, effects: Effects) -> Array:
-    """Return the input of a model that was recorded as ``values`` (n,) at equidistant ``time`` (n,)."""
+    """Return the true input (n,) of a model from the recorded ``values`` (n,): the inverse of the measurement effects.
+    ``time`` (n,) is equidistant.
+    """
     u = values
     if late := _value(effects, "latency", name, "delay"):
         u = _interpolate(u, time, time + late)
@@ -172,7 +177,7 @@ def _value(effects: Effects, kind: str, name: str, parameter: str) -> float:
 
 
 def _interpolate(values: Array, time: Array, wanted: Array) -> Array:
-    """Return a signal at other times by a cubic spline, constant outside of its range."""
+    """Return a signal at the times ``wanted``, by a cubic spline. Outside of its range it is constant."""
     return CubicSpline(time, values)(np.clip(wanted, time[0], time[-1]))
 
 

@@ -81,9 +81,9 @@ def motion_inputs(
 ) -> dict[str, Array]:
     """Return the motion inputs of `AirSpring`, each (n,), from readings (n,) every ``step`` s.
 
-    ``measured`` holds signals of `SENSORS` (both heights at least) and `BESIDE`, NaN where there was no sample. With
-    ``lateral.force`` the give q of the lateral actuator's frame, F = k q + c dq/dt, is subtracted from the shear and
-    returned together with it. ``free``: the bolster swings freely.
+    ``measured`` holds signals of `SENSORS` (at least both heights) and `BESIDE`, with NaN where there was no sample. If
+    it has ``lateral.force``, the deflection q of the lateral actuator's frame, F = k q + c dq/dt, is subtracted from
+    the shear and is also returned. ``free``: the bolster swings freely.
     """
     par = parameters.record
     smallest = _SMALLEST_FREE if free else _SMALLEST
@@ -114,7 +114,7 @@ def motion_inputs(
 
 
 def sheared(places: Mapping[str, Array], given_way: Array, par: Any) -> Array:
-    """Return the shear y (n,) of the springs from the readings of the existing `SENSORS`, each (n,).
+    """Return the shear y (n,) of the springs from the readings (n,) of the `SENSORS` that exist.
 
     The transducer of the lateral actuator reads d = y_B − h_a φ_B + q; ``given_way`` is the deflection q (n,) of its
     frame. With φ_B = (ζ_L − ζ_R)/2b + φ_P
@@ -147,10 +147,10 @@ def sensor_noise(name: str, par: Any) -> float:
 
 
 def smooth(values: Array, noise: float, smallest: float = _SMALLEST) -> Array:
-    """Return ``values`` (n,) without their ``noise`` (its standard deviation); NaN are interpolated.
+    """Return ``values`` (n,) without noise; NaN are interpolated. ``noise`` is the standard deviation of the noise.
 
-    q is at least ``smallest`` σ². Readings that contain only noise give their mean. Raises DiagnosisError for fewer
-    than eight samples.
+    q is at least ``smallest`` σ². Readings that contain only noise are replaced by their mean. Raises DiagnosisError
+    for fewer than eight samples.
     """
     known = np.isfinite(values)
     if known.sum() < LEAST:
@@ -166,7 +166,8 @@ def smooth(values: Array, noise: float, smallest: float = _SMALLEST) -> Array:
 
 
 def in_step(left: Array, motion: Array, step: float, noise: float) -> Array:
-    """Return the part of samples ``left`` (n,), NaN where there are none, that is in phase with a ``motion`` (n,).
+    """Return the part of the samples ``left`` (n,) that is in phase with a ``motion`` (n,). ``left`` is NaN where there
+    is no sample.
 
     It is α times the acceleration plus β times the speed of the motion, both fitted around every sample. The result is
     zero where their χ² is no larger than by chance, and the full fit where it is much larger. If the residual scatters
@@ -197,7 +198,7 @@ def in_step(left: Array, motion: Array, step: float, noise: float) -> Array:
 
 
 def abrupt(motion: Array, noise: float) -> NDArray[np.bool_]:
-    """Return a mask of the samples at which a smooth ``motion`` (n,) reverses too fast for an accurate acceleration.
+    """Return a mask (n,): True where a smooth ``motion`` (n,) reverses too fast to compute its acceleration accurately.
 
     There its third difference exceeds a tenth of the ``noise`` of the sensor, and the smoothing passes more than 13 Hz.
     The part of a noise of 10 µm that passes too is an acceleration of 10 mm/s², a quarter of the noise of a load cell.
@@ -207,8 +208,7 @@ def abrupt(motion: Array, noise: float) -> NDArray[np.bool_]:
 
 
 def sudden(acceleration: Array, noise: float) -> NDArray[np.bool_]:
-    """Return a mask of the samples at which the ``acceleration`` (n,) of an accelerometer changes too fast to be
-    interpolated.
+    """Return a mask (n,): True where the ``acceleration`` (n,) of an accelerometer changes too fast to be interpolated.
 
     There the error of a cubic through four samples, half-way between two of them, exceeds the ``noise`` of the sensor:
     it is 3/128 of the fourth difference. The spline of a replay is better for waves, and no better for steps.
@@ -224,10 +224,10 @@ def without_lag(values: Array, lag: float, step: float) -> Array:
 
 
 def with_lag(values: Array, lag: float, step: float) -> Array:
-    """Return y with y + τ dy/dt = x: a smooth signal x (n,) after a first-order ``lag`` τ (s).
+    """Return y (n,) with y + τ dy/dt = x: the smooth signal x = ``values`` (n,) after a first-order ``lag`` τ (s).
 
-    Exact for the cubic spline through x: a cubic p gives p − τ p′ + τ² p″ − τ³ p‴, and the difference to it decays as
-    e^{−t/τ}. At the first sample y is x.
+    The result is exact for the cubic spline through x: a cubic p gives p − τ p′ + τ² p″ − τ³ p‴, and the difference
+    from it decays as e^{−t/τ}. At the first sample y is x.
     """
     if lag == 0.0:
         return values
@@ -241,9 +241,9 @@ def with_lag(values: Array, lag: float, step: float) -> Array:
 
 
 def _is_pure_noise(seen: Array, noise: float) -> bool:
-    """Return whether samples (n,) in a row are pure noise: the scatter of means of m samples falls with √m.
+    """Return whether successive samples (n,) are pure noise: then the scatter of means of m samples falls with √m.
 
-    The scatter of rounding that is coarser than the noise may be up to twice the sum of both.
+    The scatter may be up to twice ``noise``, because rounding can be coarser than the noise.
     """
     power = float(np.var(seen))
     if power > (2.0 * noise) ** 2:
@@ -257,7 +257,9 @@ def _is_pure_noise(seen: Array, noise: float) -> bool:
 
 
 def _whittaker(values: Array, known: NDArray[np.bool_], ratio: Array) -> Array:
-    """Solve (W + Δ³ᵀ diag(σ²/q) Δ³) x = W y, a band of seven diagonals; ``ratio`` (n−3,) is q/σ²."""
+    """Return x from (W + Δ³ᵀ diag(σ²/q) Δ³) x = W y. The matrix is a band of seven diagonals; ``ratio`` (n−3,)
+    is q/σ².
+    """
     band = np.zeros((4, len(values)))
     band[0] = known
     for i, first in enumerate(_THIRD):
@@ -268,7 +270,9 @@ def _whittaker(values: Array, known: NDArray[np.bool_], ratio: Array) -> Array:
 
 
 def binned(times: Array, values: Array, edges: Array) -> tuple[Array, Array]:
-    """Return number and sum, both (n,), of sorted samples (m,) between edges (n + 1,)."""
+    """Return the number (n,) and the sum (n,) of the samples (m,) in each interval between edges (n + 1,). Times are
+    sorted.
+    """
     places = np.searchsorted(times, edges)
     count = np.diff(places).astype(np.float64)
     sums = np.add.reduceat(np.append(values[: places[-1]], 0.0), places[:-1])
@@ -276,10 +280,11 @@ def binned(times: Array, values: Array, edges: Array) -> tuple[Array, Array]:
 
 
 def scatter(count: Array, total: Array, squares: Array, width: int) -> Array:
-    """Return the standard deviation (n,) of all samples within ``width`` steps around each step; 0 without samples.
+    """Return the standard deviation (n,) of all samples in a window of ``width`` steps around each step; 0 without
+    samples.
 
-    The inputs are the number of samples in each step (n,), their sum and the sum of their squares, best after
-    subtraction of the mean.
+    The inputs are for each step (n,): the number of samples, their sum and the sum of their squares. Subtract the mean
+    first for a better accuracy.
     """
     window = np.ones(width)
     count, total, squares = (

@@ -28,11 +28,12 @@ _RIGHT: Final = 'write it as "my_oscillator:Oscillator", for a class in the file
 
 
 def load_system(name: str, folder: Path) -> System:
-    """Return the system that a factory makes; its module may be in ``folder``.
+    """Return the system that the factory ``name`` makes. Its module may be in ``folder``, which is added to the import
+    path.
 
     The factory is a class or function without arguments. It returns a `System`, or a simulator with ``inputs``.
     Pressures of such a simulator are gauge pressures, and its settings are its own. Inputs in its optional ``held``
-    keep their values between samples. DiagnosisError states what is missing.
+    keep their values between samples. Raises DiagnosisError that states what is missing.
     """
     module_name, _, attribute = name.partition(":")
     if not module_name or not attribute:

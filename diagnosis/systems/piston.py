@@ -2,8 +2,8 @@
 
     F = A·p + b,   A = (1 + a)·π/4·D²
 
-p is the gauge pressure, b the zero of the force. The number a includes a wrong bore, a wrong gain of either sensor and
-friction in proportion to p that differs between the two directions. The number b includes the zero of the pressure, a
+p is the gauge pressure, b the zero of the force. The number a includes a wrong bore, a wrong gain of either sensor, and
+friction proportional to p that differs between the two directions. The number b includes the zero of the pressure, a
 weight, and a constant difference between the directions.
 """
 
@@ -48,9 +48,10 @@ _NUISANCES: Final = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piston:
-    """The simulator, driven by ``displacement``, ``speed``, ``pressure``, ``pressure_rate`` and ``time``.
+    """The simulator of the actuator. Its inputs are ``displacement``, ``speed``, ``pressure``, ``pressure_rate`` and
+    ``time``.
 
-    Output is the force in N. ``middle`` is the x_m of the effects' equations.
+    The output is the force in N. ``middle`` is x_m in the equations of the effects.
     """
 
     bore: float
@@ -95,7 +96,7 @@ class Piston:
 
 
 def _surfaces(low: float, high: float) -> tuple[TensorSplines, ...]:
-    """Return the surfaces of unknown force, for a stroke from ``low`` to ``high`` in m."""
+    """Return the possible surfaces of an unknown force, for a stroke from ``low`` to ``high`` in m."""
     x = SplineAxis("displacement", "displacement in mm", tuple(np.linspace(low, high, 6)), 1e-3)
     v = SplineAxis("speed", "speed in mm/s", tuple(np.linspace(-3.6, 3.6, 5)), 1e-3, _SLOW)
     p = SplineAxis("pressure", "gauge pressure in bar", tuple(np.linspace(0.0, 8e5, 4)), 1e5)
@@ -111,7 +112,8 @@ def _surfaces(low: float, high: float) -> tuple[TensorSplines, ...]:
 def lagged(signal: Array, lag: float, step: float) -> Array:
     """Return ``signal`` (n,) after a first-order lag in s, exact for linear interpolation between samples.
 
-    It starts settled, and is linear in the lag at 0, where exp(−step/lag) alone would have no slope.
+    At the first sample it is settled. Near lag 0 it is linear in the lag; exp(−step/lag) alone would have no slope
+    there.
     """
     if lag <= 0.0:
         return signal
@@ -122,7 +124,9 @@ def lagged(signal: Array, lag: float, step: float) -> Array:
 
 
 def _smooth(step: float, values: Array, derivative: int) -> Array:
-    """Return ``values`` (n,) or their derivative by local parabolas (Savitzky-Golay), without single outliers."""
+    """Return ``values`` (n,) or their derivative, smoothed by local parabolas (Savitzky-Golay) after single outliers
+    are removed.
+    """
     window = min(2 * max(round(0.5 * _SMOOTHING / step), 2) + 1, (len(values) - 1) // 2 * 2 + 1)
     return savgol_filter(median_filter(values, 3, mode="nearest"), window, 2, deriv=derivative, delta=step)
 

@@ -282,7 +282,7 @@ PISTON_EFFECTS: Final[Mapping[str, Hypothesis]] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stroke:
-    """The inputs of the force terms: arrays (n,) in SI, ``area`` in m²."""
+    """The inputs of the force terms: arrays (n,) in SI, and ``area`` in m²."""
 
     x: Array
     v: Array
@@ -292,7 +292,7 @@ class Stroke:
     area: float
 
     def direction(self) -> Array:
-        """Return the sign of the motion, which is kept at rest."""
+        """Return the sign of the motion (n,). At rest it keeps the last sign."""
         return friction_state(self.x, SHARP)
 
     def seal(self, values: Mapping[str, float]) -> Array:

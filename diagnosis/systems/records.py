@@ -1,6 +1,6 @@
-"""Records of the bench as measured runs: every phase of a plan with a name ``replay …`` is one run.
+"""Reads records of the bench as measured runs: every phase of a plan with a name ``replay …`` is one run.
 
-Wind and track of a plan that applies both at once are one, too. That run begins before the unequal preload, so that the
+A plan that applies wind and track at once gives one run, too. That run begins before the unequal preload, so that the
 replay follows it.
 
 Phases inside of a run: samples up to the end of ``condition …`` are not scored, because this motion removes the
@@ -65,15 +65,17 @@ _FIRST: Final = 1.0
 
 
 def read_records(directories: Sequence[Path], simulator: AirSpring) -> Dataset:
-    """Return every run in records of the bench, see `dataset_of`. Raises RecordError for other directories."""
+    """Return every run in the records of these directories, see `dataset_of`. Raises RecordError for a directory
+    without a record.
+    """
     return dataset_of(directories, [read(directory) for directory in directories], simulator)
 
 
 def dataset_of(directories: Sequence[Path], records: Sequence[Record], simulator: AirSpring) -> Dataset:
-    """Return every run in ``records`` of these directories, in SI on the grid of their samples; all with role ``fit``.
+    """Return every run in ``records``, in SI on the grid of their samples. All runs have the role ``fit``.
 
-    Vertical sines of other plans, such as `aw0`, are in ``beside``. Raises DiagnosisError if a record has nothing to
-    replay.
+    ``directories`` are those of the records. Vertical sines of other plans, such as `aw0`, are in ``beside``. Raises
+    DiagnosisError if a record has nothing to replay.
     """
     digest = hashlib.sha256()
     runs: list[tuple[Path, MeasuredRun]] = []
@@ -122,8 +124,9 @@ def run_between(
 ) -> tuple[tuple[Channel, ...], MeasuredRun]:
     """Return the part of a record between two times (s) as a run, and its channels with the resolution of the readings.
 
-    No phase name is needed, and conditioning motions count too. The part begins at rest, unless the ``gas`` is given
-    (readings by signal, SI). Readings count from ``counts_from`` s on. Raises DiagnosisError if it cannot be replayed.
+    Phases need no special name, and conditioning motions count too. The part must begin at rest, unless the ``gas`` is
+    given (readings by signal, SI). Readings count from ``counts_from`` s on. Raises DiagnosisError if the part cannot
+    be replayed.
     """
     channels = _as_read(simulator.channels, [record])
     stretch = Phase(f"{start:.1f} to {end:.1f} s", start, end)
@@ -142,7 +145,7 @@ def _phases(record: Record) -> Iterable[Phase]:
 
 
 def _sines(record: Record) -> Phase | None:
-    """Return the part of a plan with vertical sines of known frequency; None without any.
+    """Return the part of a plan with vertical sines of known frequency; None if there are none.
 
     It begins with the rest before the first vertical motion.
     """
@@ -154,7 +157,7 @@ def _sines(record: Record) -> Phase | None:
 
 
 def _with_unique_names(runs: Sequence[tuple[Path, MeasuredRun]]) -> Iterable[MeasuredRun]:
-    """Add the path of the record to the names of runs that several records of one plan share."""
+    """Yield the runs with unique names: the path of the record is added if several runs have the same name."""
     count = Counter(run.experiment.name for _, run in runs)
     for directory, run in runs:
         name = run.experiment.name
@@ -166,9 +169,9 @@ def _with_unique_names(runs: Sequence[tuple[Path, MeasuredRun]]) -> Iterable[Mea
 
 
 def _as_read(channels: Sequence[Channel], records: Sequence[Record]) -> tuple[Channel, ...]:
-    """Return the channels with the resolution of their readings, if that is coarser than the data sheet.
+    """Return the channels, with the resolution of the readings if it is coarser than that of the data sheet.
 
-    A converter with fewer bits than assumed shows only in the smallest difference between readings.
+    If a converter has fewer bits than assumed, only the smallest difference between readings shows it.
     """
     found = []
     for channel in channels:
@@ -182,7 +185,7 @@ def _as_read(channels: Sequence[Channel], records: Sequence[Record]) -> tuple[Ch
 
 
 def _twice_rounded(record: Record, simulator: AirSpring) -> dict[str, TwiceRounded]:
-    """Return the channels that were rounded by their converter, and again to another grid by the bus."""
+    """Return the channels that are rounded twice: by their converter, and again to another grid by the bus."""
     found = {}
     for channel in simulator.channels:
         converter = float(simulator.parameters.record.sensor_resolution[OUTPUTS[channel.name]])
@@ -252,8 +255,8 @@ def _outputs(
     channels: Sequence[Channel],
     twice: Mapping[str, TwiceRounded],
 ) -> Array:
-    """Return the channels (n, c). Actuator forces are NaN where the acceleration of the bolster is not known well
-    enough.
+    """Return the readings of the channels (n, c). Actuator forces are NaN where the acceleration of the bolster is not
+    known well enough.
     """
     par = simulator.parameters.record
     outputs = np.column_stack([_sampled(record, channel.name, grid) for channel in simulator.channels])
@@ -273,8 +276,8 @@ def _outputs(
 def _without_frame_dampers(
     outputs: Array, record: Record, grid: Array, settings: SettingsOfRecord, simulator: AirSpring
 ) -> None:
-    """Correct readings (n, c) of held vertical pistons to those of a replay: deflection F/k of their frames, without
-    damping c.
+    """Change readings (n, c) of held vertical pistons in place, to those of a replay, in which their frames deflect by
+    F/k without damping c.
 
     With c, 20 kN at 12.5 Hz deflect the frame by an additional 8 µm, a quarter of a wave later.
     """
@@ -295,9 +298,9 @@ def _without_history(outputs: Array, channels: Sequence[Channel], platform: Arra
 
     Pressures and temperatures are used from the start of the track. Before it, while the preload rolls the bolster,
     thermometers deviate by 15 times their noise. Forces are used in the second half of the track. Before it, friction
-    still depends on earlier motions. After it, the wind falls, and small oscillations reverse the motion and the
-    friction, or do not: that depends on micrometres. Displacements of the pistons are not used: they are computed from
-    the measured motion, whose smoothed noise is coloured and a third of the noise of these channels.
+    still depends on earlier motions. After it, the wind falls, and micrometres decide whether small oscillations
+    reverse the motion and the friction. Displacements of the pistons are not used: they are computed from the measured
+    motion, whose smoothed noise is coloured and a third of the noise of these channels.
     """
     away = np.abs(platform - platform[0])
     far = away > 0.5 * away.max()
@@ -313,8 +316,8 @@ def _without_history(outputs: Array, channels: Sequence[Channel], platform: Arra
 def _lateral_acceleration_is_unknown(
     record: Record, grid: Array, inputs: Mapping[str, Array], par: Any
 ) -> NDArray[np.bool_] | None:
-    """Return a mask of the samples (n,) at which the accelerometer does not show the acceleration of the bolster; None
-    if it never does.
+    """Return a mask (n,): True where the accelerometer does not show the acceleration of the bolster. None if it never
+    shows it.
 
     The acceleration is unknown in gaps. An accelerometer that reads only noise may have failed while the bolster moves.
     """
@@ -329,7 +332,7 @@ def _lateral_acceleration_is_unknown(
 
 
 def _grid(record: Record, phase: Phase) -> Array:
-    """Return equidistant times (n,) of the samples of a phase, without the jitter of their stamps."""
+    """Return equidistant times (n,) of the samples of a phase, without the jitter of their time stamps."""
     times, _ = record.series("left.height")
     times = times[(times >= phase.start) & (times < phase.end)]
     if len(times) < 2:
@@ -341,13 +344,13 @@ def _grid(record: Record, phase: Phase) -> Array:
 
 
 def _switched_on(record: Record, time: float) -> float:
-    """Return the time (s) since the bench was switched on, at a ``time`` of the record (s), from its tick counter."""
+    """Return how long (s) the bench had been switched on at a ``time`` of the record (s), from its tick counter."""
     times, ticks = record.series("rig.tick") if "rig.tick" in record.signals else (np.empty(0), np.empty(0))
     return time + (float(np.median(ticks * TICK - times)) if len(times) else 0.0)
 
 
 def _sampled(record: Record, name: str, grid: Array) -> Array:
-    """Return the samples of a signal on the grid, NaN without a sample."""
+    """Return the samples of a signal on the grid (n,); NaN at times without a sample."""
     result = np.full(len(grid), np.nan)
     if name in record.signals:
         times, values = record.series(name)
@@ -358,7 +361,9 @@ def _sampled(record: Record, name: str, grid: Array) -> Array:
 
 
 def _interpolated(values: Array, parameters: Parameters) -> Array:
-    """Return a slow signal (n,) interpolated between its samples; without any, the supply pressure of the set."""
+    """Return a slow signal (n,), interpolated between its samples. If it has none, return the supply pressure of the
+    parameter set.
+    """
     known = np.isfinite(values)
     if not known.any():
         return np.full(len(values), float(parameters.record.supply_pressure))
@@ -371,8 +376,8 @@ def _beginning(
 ) -> dict[str, float]:
     """Return pressures and temperatures of the gas at the first sample, from readings in the first rest.
 
-    The gas may still cool, so the line through the readings is extrapolated back to the start, and ahead by the sensor
-    lag.
+    The gas may still cool, so a line through the readings is extrapolated back to the start. The lag of the sensor is
+    corrected.
     """
     still = int(np.argmin(rest)) if rest[0] and not rest.all() else len(grid)
     first = slice(0, max(min(still, round(_FIRST / STEP)), 2))
@@ -389,7 +394,7 @@ def _beginning(
 
 
 class SettingsOfRecord:
-    """The settings of a record, each with the time from which on it was in force."""
+    """The settings of a record, each with the times of its changes."""
 
     def __init__(self, record: Record) -> None:
         self._changes: dict[str, list[tuple[float, Any]]] = {}
@@ -406,11 +411,13 @@ class SettingsOfRecord:
         return [values[k] for k in np.searchsorted(times, grid, side="right")]
 
     def where(self, name: str, word: str, grid: Array, default: Any = None) -> Array:
-        """Return 1 where a setting was ``word`` (n,), else 0; ``default`` is its value before the first change."""
+        """Return an array (n,): 1 where a setting has the value ``word``, else 0. ``default`` is its value before the
+        first change.
+        """
         return np.array([float(value == word) for value in self._setting_at_times(name, grid, default)])
 
     def valves(self, grid: Array) -> dict[str, Array]:
-        """Return the inputs of `AirSpring` that show which valves were open."""
+        """Return the valve inputs of `AirSpring` (n,), which state whether each valve is open."""
         return {
             **{f"{side}.leveling": self.where(f"air.{side}_mode", "level", grid) for side in SIDES},
             **{f"{side}.reservoir": self.where(f"air.{side}_reservoir", "on", grid, "on") for side in SIDES},
@@ -427,7 +434,7 @@ class SettingsOfRecord:
         return np.array(self._setting_at_times(name, times, first), np.float64)
 
     def constants(self, time: float) -> dict[str, float]:
-        """Return the settings of a run: its load and the installed parts."""
+        """Return the settings that are constant in a run, at a ``time`` (s): its preload and the installed parts."""
 
         def at(name: str) -> Any:
             return self._setting_at_times(name, np.array([time]), None)[0]
@@ -442,12 +449,12 @@ class SettingsOfRecord:
         return found
 
     def predictable(self, grid: Array) -> NDArray[np.bool_]:
-        """Return a mask of the samples (n,) at which the air has been known since the start without interruption."""
+        """Return a mask (n,): True up to the first sample at which the mass of air becomes unknown."""
         known: NDArray[np.bool_] = np.logical_and.accumulate(self.air_known(grid))
         return known
 
     def air_known(self, grid: Array) -> NDArray[np.bool_]:
-        """Return a mask of the samples (n,) at which no service valve was open. The bus does not report how far they
+        """Return a mask (n,): True where no service valve is open. The bus does not report how far these valves
         open.
         """
         unknown = np.zeros(len(grid), np.bool_)

@@ -1,6 +1,7 @@
-"""A smooth surface over two states, as a tensor product of B-splines: the form of an unknown term.
+"""A smooth surface over two states, as a tensor product of B-splines. It represents an unknown term.
 
-`TensorSplines.value` is for states known before the simulation; during a simulation, `spline_value` reads the `table`.
+`TensorSplines.value` is for states known before the simulation. During a simulation, `spline_value` evaluates the
+`table`.
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ from diagnosis.contracts import Array, Parameter, Surface
 
 @dataclass(frozen=True, slots=True)
 class SplineAxis:
-    """One state: its name, a title with the display unit (``scale`` SI), and equidistant knots in SI.
+    """One state as an axis: its name, a title with the display unit (``scale`` SI), and equidistant knots in SI.
 
-    If the state is asinh(x/x₀), the title names x, and ``compressed_from`` is x₀ (SI).
+    ``compressed_from`` is x₀ (SI) if the axis is asinh(x/x₀) instead of x; the title names x.
     """
 
     state: str
@@ -31,13 +32,13 @@ class SplineAxis:
 
     @property
     def shown_centres(self) -> Array:
-        """The places of the maxima of the B-splines, in the unit of the title."""
+        """Where the B-splines have their maxima (knots + 1,), in the unit of the title."""
         x_0 = self.compressed_from
         return (x_0 * np.sinh(self.centres) if x_0 else self.centres) / self.scale
 
     @property
     def centres(self) -> Array:
-        """The places of the maxima of the B-splines (knots + 1,), inside of the knots."""
+        """Where the B-splines have their maxima (knots + 1,), in SI and inside of the knots."""
         low, high = self.knots[0], self.knots[-1]
         between = np.arange(len(self.knots) + 1) - 0.5
         return np.clip(low + (self.knots[1] - low) * between, low, high)
@@ -51,7 +52,9 @@ class SplineAxis:
 
 
 class SplineTable(NamedTuple):
-    """A surface with its coefficients (rows, columns), to be evaluated one point at a time; without rows it is 0."""
+    """A surface with its coefficients (rows, columns), for evaluation at one point at a time. Without rows its value is
+    0.
+    """
 
     first_low: float
     first_spacing: float
@@ -62,7 +65,9 @@ class SplineTable(NamedTuple):
 
 @compiled
 def _weights(x: float, low: float, spacing: float, intervals: int) -> tuple[int, float, float, float]:
-    """Return the first index and the values of the three quadratic B-splines that are not 0 at ``x``."""
+    """Return the values at ``x`` of the three quadratic B-splines that are not 0 there, after the index of the first of
+    them.
+    """
     u = min(max((x - low) / spacing, 0.0), float(intervals))
     i = min(int(u), intervals - 1)
     t = u - i
@@ -71,7 +76,7 @@ def _weights(x: float, low: float, spacing: float, intervals: int) -> tuple[int,
 
 @compiled
 def spline_value(table: SplineTable, first: float, second: float) -> float:
-    """Return a surface at one point; it may be called from compiled functions and from plain Python."""
+    """Return the value of a surface at one point. Compiled functions and plain Python may call it."""
     rows, columns = table.coefficients.shape
     if rows == 0:
         return 0.0
@@ -102,7 +107,7 @@ class TensorSplines:
 
     @property
     def surface(self) -> Surface:
-        """The surface in the form of the engine."""
+        """These splines as a surface of the engine."""
         axes = (self.first, self.second)
         sizes = [range(len(axis.knots) + 1) for axis in axes]
         coefficients = tuple(
@@ -119,7 +124,7 @@ class TensorSplines:
         return np.sum((rows @ self._grid(coefficients)) * columns, axis=1)
 
     def table(self, coefficients: Mapping[str, float] | None) -> SplineTable:
-        """Return the surface in the form of `spline_value`; None: it is missing."""
+        """Return the surface as a table for `spline_value`; for None, return the table of a surface that is 0."""
         grid = np.zeros((0, len(self.second.knots) + 1)) if coefficients is None else self._grid(coefficients)
         (x, to_x), (y, to_y) = self.first.knots[:2], self.second.knots[:2]
         return SplineTable(float(x), float(to_x - x), float(y), float(to_y - y), grid)

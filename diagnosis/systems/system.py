@@ -1,4 +1,4 @@
-"""A system for mapped files: its signals, its settings, and its simulator."""
+"""The definition of a system for mapped files: its signals, its settings, and its simulator."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class SystemSignal:
 
 @dataclass(frozen=True, slots=True)
 class SystemSetting:
-    """A constant of the user's rig, such as the bore. Without ``default`` (SI) the map must state it."""
+    """A constant of the user's rig, such as the bore of a cylinder. Without ``default`` (SI) the map must state it."""
 
     name: str
     unit: str  #: SI
@@ -57,8 +57,8 @@ class SystemSetting:
 
 @dataclass(frozen=True, slots=True)
 class System:
-    """A system that can be diagnosed from mapped files: its signals and settings, and how its simulator and inputs are
-    made.
+    """A system that can be diagnosed from mapped files: its signals and settings, and functions that make its simulator
+    and inputs.
     """
 
     name: str
@@ -101,21 +101,21 @@ class System:
 
 
 class Errors:
-    """Errors of one map, which are reported together."""
+    """Collects the errors of one map, so that all are reported together."""
 
     def __init__(self, texts: Iterable[str] = ()) -> None:
         self._texts = list(texts)
 
     @contextmanager
     def noted(self) -> Iterator[None]:
-        """Store an error and continue after the block."""
+        """Catch a DiagnosisError in the block and store it; the program continues after the block."""
         try:
             yield
         except DiagnosisError as error:
             self.note(str(error))
 
     def note(self, text: str) -> None:
-        """Note an error."""
+        """Store the text of an error."""
         self._texts.append(text)
 
     def report(self) -> None:
@@ -125,15 +125,18 @@ class Errors:
 
 
 def unit_of(text: str, units: Mapping[str, Unit]) -> ReadUnit:
-    """Return the unit with this name, from ``units`` or in any usual spelling. Raises UnknownUnit."""
+    """Return the unit with this name from ``units``; other names are parsed in any usual spelling. Raises
+    UnknownUnit.
+    """
     return ReadUnit(units[text]) if text in units else read_unit(text)
 
 
 def conversion(
     unit: str, si: str, where: str, units: Mapping[str, Unit] = UNITS, *, relative: bool = False
 ) -> tuple[float, float]:
-    """Return (factor, zero) with SI = factor·value + zero; for a difference (``relative``) the zero is 0. Raises
-    DiagnosisError if ``unit`` is not a unit of the quantity ``si``.
+    """Return (factor, zero) with SI = factor·value + zero. For a difference (``relative``) the zero is 0.
+
+    Raises DiagnosisError if ``unit`` is not a unit of the quantity with the SI unit ``si``.
     """
     if unit == si:
         return 1.0, 0.0
@@ -155,8 +158,8 @@ def _allowed_units(si: str, units: Mapping[str, Unit]) -> str:
 def quantity(
     text: str, si: str, where: str, units: Mapping[str, Unit] = UNITS, *, relative: bool = False
 ) -> float:
-    """Return a quantity such as "25 mm" in SI, see `conversion`. DiagnosisError names the place (``where``) and correct
-    form.
+    """Return a quantity such as "25 mm" in SI, see `conversion`. Raises DiagnosisError that states the place
+    (``where``) and the correct form.
     """
     number, _, unit = text.strip().partition(" ")
     try:
@@ -172,7 +175,7 @@ def quantity(
 
 
 def difference(text: str, si: str, where: str, units: Mapping[str, Unit] = UNITS) -> float:
-    """Return a difference or a width in SI, see `quantity`: 1 degC is 1 K."""
+    """Return a difference or a width in SI, as `quantity` does, but without the zero of the unit: 1 degC is 1 K."""
     return quantity(text, si, where, units, relative=True)
 
 

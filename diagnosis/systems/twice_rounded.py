@@ -42,8 +42,10 @@ _SIGNALS, _REACH = 8, 6.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TwiceRounded:
-    """Step of the bus (``wire``), and the error of the mean of each code: ``corrections`` (k,), repeated
-    periodically.
+    """The correction of a channel: the step of the bus (``wire``), and the error of the mean of each code,
+    ``corrections`` (k,).
+
+    The corrections repeat periodically over the codes.
     """
 
     wire: float
@@ -64,8 +66,8 @@ def rounded_to(values: Array) -> float:
 def twice_rounded(readings: Array, converter: float, noise: float) -> TwiceRounded | None:
     """Return the correction for readings (n,) that were rounded twice; None if they were not.
 
-    ``converter`` is the finer step, ``noise`` the standard deviation before both. None also if the noise is too small
-    for a useful mean, or if the readings contradict the step.
+    ``converter`` is the finer step, ``noise`` the standard deviation before both roundings. The result is also None if
+    the noise is too small for a useful mean, or if the readings contradict the step.
     """
     readings = readings[np.isfinite(readings)]
     wire = rounded_to(readings)
@@ -82,9 +84,10 @@ def twice_rounded(readings: Array, converter: float, noise: float) -> TwiceRound
 
 
 def _codes(converter: float, wire: float) -> int:
-    """Return the common period of both grids in codes; 1 if one grid contains the other, or if the period is too long.
+    """Return after how many codes of the bus the grids of bus and converter meet again.
 
-    1 also if numbers of the converter lie half-way between two codes, because their rounding is unknown.
+    1 if one grid contains the other, if the period is too long, or if numbers of the converter are half-way between two
+    codes, because their rounding is unknown.
     """
     if not 0.0 < converter < wire:
         return 1
@@ -94,7 +97,9 @@ def _codes(converter: float, wire: float) -> int:
 
 
 def _chances(converter: float, wire: float, noise: float, codes: int) -> tuple[Array, Array]:
-    """Return the probability of each code (f, codes) at signals (f,) over one period, and the error of their mean."""
+    """Return the probability of each code (f, codes) at f values of the signal over one period, and the error (f,) of
+    the mean of the codes.
+    """
     signal = wire * np.arange(codes * _SIGNALS) / _SIGNALS
     reach = _REACH * noise + wire
     number = np.arange(np.floor(-reach / converter), np.ceil((codes * wire + reach) / converter) + 1)

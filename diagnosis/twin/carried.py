@@ -1,7 +1,7 @@
-"""State of the gas in the middle of a motion, from the replay of the stretch before.
+"""State of the gas at a start in the middle of a motion, taken from the replay of the stretch before.
 
-There a pressure reading is not sufficient without a temperature, and thermometers lag by a second. The gas is some
-kelvins warmer or colder than their readings while it is compressed or expanded.
+During a motion a pressure reading is not sufficient without a temperature, and thermometers lag by a second. While the
+gas is compressed or expanded, it is some kelvins warmer or colder than their readings.
 """
 
 from typing import Final, NamedTuple
@@ -20,14 +20,14 @@ _TO_AND_FRO: Final = 4.0
 
 
 class Carried(NamedTuple):
-    """The settings of the gas (SI), and the sample in the stretch before at which they hold."""
+    """The settings of the gas (SI), and the index of the sample of the earlier stretch at which they are valid."""
 
     sample: int
     gas: dict[str, float]
 
 
 class GasOf:
-    """Replays of a bench with ``parameters`` for the state of its gas only."""
+    """Replays a bench with ``parameters``, only to compute the state of its gas."""
 
     def __init__(self, parameters: Parameters) -> None:
         self._simulator = AirSpring(parameters, effects={}, only=GAS)
@@ -39,7 +39,8 @@ class GasOf:
     def carried(
         self, run: MeasuredRun, parameters: tuple[Nuisance, ...], estimate: Estimate, before: float
     ) -> Carried:
-        """Return the gas at a turning point of the pressures, at ``before`` s or earlier, in a run that was judged.
+        """Return the gas at a turning point of the pressures in a run: the last one at or before the time ``before``
+        (s).
 
         ``estimate`` is that of the ``parameters`` at this time.
         """

@@ -62,9 +62,10 @@ _NEARER: Final = (-8, -5, -3, -2, -1, 0, 1, 2, 3, 5, 8)
 
 
 class Explained(NamedTuple):
-    """The causes that explain a stretch, best first: single ones, or else pairs; empty if none does.
+    """The causes that explain a stretch, best first: single ones, or pairs if no single one explains it; empty without
+    any.
 
-    ``worse`` are single causes that explain it less well. They may explain more if they grow.
+    ``worse`` are single causes that explain it less well as a step. They may explain it if they grow.
     """
 
     singles: tuple[SizedCause, ...] = ()
@@ -80,7 +81,8 @@ def explanations(
     since: float,
     known: Callable[[], Work[Sequence[SizedCause]]],
 ) -> Work[Explained]:
-    """Return the causes that explain a stretch which deviates ``since`` s after its start, in slices of work.
+    """Search the causes of a stretch that deviates ``since`` s after its start. This is work in slices
+    (`diagnosis.twin.slices`).
 
     ``known`` returns causes that explain a shorter part of the stretch. One of them may still be part of a pair.
     """
@@ -123,7 +125,7 @@ def explanations(
 
 
 def _over(ranked: Sequence[SizedCause]) -> SizedCause:
-    """Return the first of the suspects with one name, with the intervals of all that explain as much."""
+    """Return the first of the ranked causes. Its intervals include those of all causes that explain as much."""
     best = ranked[0]
     possible = [one for one in ranked if one.left <= best.left + POSSIBLE and one.form is best.form]
     return best._replace(
@@ -135,7 +137,9 @@ def _over(ranked: Sequence[SizedCause]) -> SizedCause:
 
 
 class _Tried(NamedTuple):
-    """A cause as tested: at one point of its grid, from one bin on (0: before the stretch)."""
+    """A cause as tested: at one point of its grid, from start bin ``onset`` on (0: before the stretch), with
+    its fit.
+    """
 
     cause: Hypothesis
     shapes: Mapping[str, float]
@@ -144,7 +148,7 @@ class _Tried(NamedTuple):
 
 
 class _Near(NamedTuple):
-    """A cause with a start near the tested one: the χ² that it leaves, its bin, its effect (n, c), and its fit."""
+    """A cause with a start near the tested one: the remaining χ², its start bin, its effect (n, c), and its fit."""
 
     left: float
     onset: int
@@ -156,8 +160,8 @@ _NOTHING: Final[Array] = np.empty((0, 0))
 
 
 class _Closely:
-    """A cause under refinement: its present ``size``, its possible start bins, the results of its last round
-    (``found``).
+    """A cause while its size and start are refined: its present ``size``, the start bins to try, and the results of the
+    last round (``found``).
     """
 
     def __init__(self, tried: _Tried, near: set[int]) -> None:
@@ -169,16 +173,18 @@ class _Closely:
 
     @property
     def best(self) -> _Near:
-        """The start with the best explanation in the last round."""
+        """The result of the last round with the smallest remaining χ²."""
         return min(self.found, key=lambda one: one.left)
 
     @property
     def possible(self) -> list[_Near]:
-        """All starts of all rounds that explain as much as the best one."""
+        """The results of all rounds that explain as much as the best one."""
         return [one for one in self._all if one.left <= self.best.left + POSSIBLE]
 
     def learn(self, near: list[_Near]) -> None:
-        """Use the results of a round: the secant method gives the size at which fitted and simulated size are equal."""
+        """Store the results of a round, and compute the next size. The secant method searches the size at which fitted
+        and simulated size agree.
+        """
         if not near:
             self.size = 0.0
             return
@@ -207,7 +213,9 @@ class _Look:
         self.growth = Growth(self._stretch, self._since)
 
     def each(self, onset: int, times: float) -> Work[list[_Tried]]:
-        """Return the effects of all causes at all grid points from a start bin on, at ``times`` their typical size."""
+        """Simulate all causes at all grid points from a start bin on, at ``times`` their typical size. Return those
+        with a visible effect.
+        """
         tried: list[_Tried] = []
         sizes = [(cause, shapes, bounded(cause, times * typical(cause))) for cause, shapes in self._points]
         for (cause, shapes), column in zip(self._points, self._replays.columns(sizes, onset), strict=True):
@@ -219,7 +227,7 @@ class _Look:
         return tried
 
     def closely(self, chosen: Sequence[_Tried]) -> Work[list[_Closely]]:
-        """Return causes with size and start time refined by simulations at this size.
+        """Refine size and start time of the ``chosen`` causes by simulations, and return the refined ones.
 
         All causes with the same start bin are simulated together.
         """
@@ -236,7 +244,7 @@ class _Look:
         return looks
 
     def convincing(self, looks: Sequence[_Closely]) -> Work[list[SizedCause]]:
-        """Return the causes that explain the stretch."""
+        """Return those of the refined causes that explain the stretch."""
         found: list[SizedCause] = []
         for look in looks:
             yield
@@ -245,7 +253,7 @@ class _Look:
         return found
 
     def shaped(self, looks: Sequence[_Closely]) -> Work[list[SizedCause]]:
-        """Return causes that explain the stretch if they grow, or if they end."""
+        """Return those of the refined causes that explain the stretch if they grow, or if they end."""
         bins = len(self._columns.measured)
         steps: list[dict[int, Array]] = [{} for _ in looks]
         asked = [_asked(look) for look in looks]
@@ -278,7 +286,7 @@ class _Look:
         return found
 
     def _steps(self, look: _Closely) -> Callable[[Sequence[int]], Steps]:
-        """Return a function that simulates a cause at its present size from given bins on."""
+        """Return a function: it simulates a refined cause at its present size from each of the given bins on."""
 
         def steps(bins: Sequence[int]) -> Steps:
             made = {place: next(self._replays.columns([_asked(look)], place)) for place in bins}
@@ -290,18 +298,18 @@ class _Look:
         return self._stretch.agrees(fit.size * column, fit.left)
 
     def acting(self, known: Sequence[SizedCause]) -> list[Acting]:
-        """Return causes as they acted in the earlier part of the stretch."""
+        """Return known causes with the size and start that they had in the earlier part of the stretch."""
         causes: dict[str, tuple[Hypothesis, Mapping[str, float]]] = {}
         for cause, point in self._points:
             causes.setdefault(cause.name, (cause, self._shapes.get(cause.name, point)))
         return [Acting(*causes[one.name], one.size, round(one.since / BIN)) for one in known]
 
     def at_present(self, looks: Sequence[_Closely]) -> list[Acting]:
-        """Return refined causes as steps with their best start."""
+        """Return refined causes with their fitted sizes and best start bins."""
         return [Acting(*_asked(one), one.best.onset) for one in looks]
 
     def pairs(self, firsts: Sequence[Acting]) -> Work[tuple[tuple[SizedCause, SizedCause], ...]]:
-        """Return pairs of causes that explain the stretch together, best first; one of each pair is among
+        """Return pairs of causes that together explain the stretch, best first. One cause of each pair is among
         ``firsts``.
         """
         search = Pairs(self._stretch)
@@ -316,7 +324,9 @@ class _Look:
         return tuple(once.values())
 
     def _simulate(self, looks: Sequence[_Closely]) -> Work[None]:
-        """Simulate causes at their present sizes with all start times near theirs, and update them."""
+        """Simulate causes at their present sizes, with all start times near their own, and store the results in
+        them.
+        """
         fitted: list[list[_Near]] = [[] for _ in looks]
         for onset in sorted(set[int]().union(*(one.near for one in looks))):
             some = [k for k, one in enumerate(looks) if onset in one.near and one.size]
@@ -330,7 +340,9 @@ class _Look:
             one.learn(near)
 
     def _around(self, onset: int, bins: Sequence[int]) -> set[int]:
-        """Return the possible start bins of a cause tested from ``onset`` on; 0 is before the stretch."""
+        """Return the possible start bins near ``onset``, at the distances ``bins``. A start before the stretch (0) is
+        not moved.
+        """
         last = len(self._columns.measured) - 2 * BINS
         return {one for one in (onset + off for off in bins) if 0 < one <= last} if onset else {0}
 
@@ -348,6 +360,6 @@ class _Look:
 
 
 def _asked(look: _Closely) -> tuple[Hypothesis, Mapping[str, float], float]:
-    """Return the input of a simulation of a refined cause at its fitted size."""
+    """Return cause, shapes and fitted size of a refined cause, as the input of a simulation."""
     tried = look.tried
     return tried.cause, tried.shapes, bounded(tried.cause, look.best.fit.size)

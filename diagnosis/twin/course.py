@@ -1,4 +1,6 @@
-"""The course of a deviation: reported, more certain, changed, withdrawn or over; and the sentence that reports it."""
+"""The course of a deviation: how its state changes (reported, more certain, changed, withdrawn, over), and the
+sentences of the report.
+"""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -22,7 +24,7 @@ _NONE: Final[Mapping[str, Hypothesis]] = MappingProxyType({})
 
 
 def cause_of(one: SizedCause, hypothesis: Hypothesis, start: float) -> PossibleCause:
-    """Return a suspect of a stretch that began at ``start`` s, in the form of the report."""
+    """Return a suspected cause in the form of the report. Its stretch began at ``start`` s of the run."""
     amplitude = hypothesis.amplitude
     roughly = 2.0 * _ROUGHLY * abs(one.size)
     low, high = (
@@ -41,19 +43,19 @@ def cause_of(one: SizedCause, hypothesis: Hypothesis, start: float) -> PossibleC
 
 
 def extend_deviation(before: Deviation, now: Deviation, at: float) -> Deviation:
-    """Return a deviation with the results of ``at`` s added to its course ``before``."""
+    """Return the deviation ``now``, with the course of ``before`` extended by the result at ``at`` s."""
     word = _compared(before, now) if before.course and not before.withdrawn else "told"
     course = (*before.course, DeviationState(at, word, now.causes, now.pairs)) if word else before.course
     return _ended(replace(now, detected=before.detected, course=course), before, at)
 
 
 def withdrawn(deviation: Deviation, at: float) -> Deviation:
-    """Return a deviation as withdrawn, because samples until ``at`` s do not confirm it."""
+    """Return a deviation, marked as withdrawn because the samples until ``at`` s do not confirm it."""
     return replace(deviation, withdrawn=True, course=(*deviation.course, DeviationState(at, "withdrawn")))
 
 
 def over(deviation: Deviation, since: float, at: float) -> Deviation:
-    """Return a deviation as over since ``since`` s, as found at ``at`` s."""
+    """Return a deviation, marked as over since ``since`` s; this was found at ``at`` s."""
     return replace(
         deviation,
         over=since,
@@ -69,9 +71,9 @@ def is_the_same(before: Deviation, now: Deviation) -> bool:
 
 
 def joined(all_deviations: tuple[Deviation, ...], found: Deviation | None) -> tuple[Deviation, ...]:
-    """Return the deviations of earlier stretches, with a later one appended or merged into the last.
+    """Return the deviations of earlier stretches with a later one: appended, or merged into the last one.
 
-    Until its causes are searched, a lasting deviation counts as the last one if that is lasting too.
+    If the last one and the later one both last, the later one is not appended before its causes have been searched.
     """
     last = all_deviations[-1] if all_deviations else None
     if found is None:
@@ -85,7 +87,9 @@ def joined(all_deviations: tuple[Deviation, ...], found: Deviation | None) -> tu
 
 
 def lasting(before: Deviation, now: Deviation, at: float) -> Deviation:
-    """Return an earlier deviation with the causes that explain both stretches, sized by the later one."""
+    """Return the earlier deviation with the causes that explain both stretches. Their sizes are those of the later
+    stretch.
+    """
     names = _names(before) & _names(now)
     causes = tuple(one for one in now.causes if frozenset({one.name}) in names)
     pairs = tuple(pair for pair in now.pairs if frozenset(one.name for one in pair) in names)
@@ -101,7 +105,7 @@ def lasting(before: Deviation, now: Deviation, at: float) -> Deviation:
 
 
 def _undoes(before: PossibleCause, causes: tuple[PossibleCause, ...]) -> bool:
-    """Return whether one of ``causes`` begins to cancel the cause ``before``."""
+    """Return whether one of ``causes`` is the same as ``before`` with the opposite size, and so cancels it."""
     return any(
         one.name == before.name
         and one.since is not None
@@ -111,7 +115,7 @@ def _undoes(before: PossibleCause, causes: tuple[PossibleCause, ...]) -> bool:
 
 
 def _ended(now: Deviation, before: Deviation, at: float) -> Deviation:
-    """Return a deviation; add its end to the course if it is ``over`` and was not ``before``."""
+    """Return the deviation ``now``. If it is over and ``before`` was not, add the end to its course."""
     if now.over is None or (before.course and before.over is not None):
         return now
     return replace(now, course=(*now.course, DeviationState(at, "over", now.causes, now.pairs)))
@@ -123,7 +127,7 @@ def _names(deviation: Deviation) -> frozenset[frozenset[str]]:
 
 
 def _compared(before: Deviation, now: Deviation) -> str:
-    """Return *explained*, *unknown*, *surer* or *otherwise*, or "" if the result has not changed."""
+    """Return how the result has changed: *explained*, *unknown*, *surer* or *otherwise*; "" if it has not."""
     old, new = _names(before), _names(now)
     if not before.searched:
         return "" if not now.searched else "explained" if new else "unknown"
@@ -146,7 +150,7 @@ def _form(deviation: Deviation, names: frozenset[str]) -> tuple[str, ...]:
 
 
 def _beyond(before: Deviation, now: Deviation, names: frozenset[str]) -> bool:
-    """Return whether a new size is outside the interval reported before."""
+    """Return whether the new size of a cause is outside the interval that was reported before."""
     pairs = zip(_members(before, names), _members(now, names), strict=True)
     return any(not old.low <= new.size <= old.high for old, new in pairs)
 
@@ -158,7 +162,7 @@ def _width(deviation: Deviation, names: frozenset[str]) -> float:
 def described(
     deviation: Deviation, channel: Channel, catalogue: Mapping[str, Hypothesis] = _NONE
 ) -> Deviation:
-    """Return a deviation with its summary and its sentence. ``catalogue`` holds the parts to inspect for its causes."""
+    """Return a deviation with its summary and its sentence. ``catalogue`` gives the parts to inspect for its causes."""
     off, scale = deviation.measured - deviation.expected, channel.scale
     unit = channel.display or channel.unit
     places = decimals(-deviation.band / scale, deviation.band / scale)
@@ -180,7 +184,7 @@ def described(
 
 
 def _at(seconds: float) -> str:
-    """Return a time of the run as text. All times have the same digits, so that those of one event agree."""
+    """Return a time of the run as text, with one decimal. Equal times then look equal in all sentences."""
     return f"{seconds:.1f} s"
 
 
@@ -200,7 +204,7 @@ def _since(deviation: Deviation) -> str:
 
 
 def _causes(deviation: Deviation) -> tuple[str, str]:
-    """Return the first possible cause, and a sentence on its certainty."""
+    """Return the first possible cause as text, and a sentence on its certainty and on other causes."""
     if not deviation.searched:
         return "", "The search for a cause is not finished."
     if deviation.causes:

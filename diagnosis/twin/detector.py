@@ -38,7 +38,9 @@ _ANOTHER: Final = 9.0
 
 
 class Alarm(NamedTuple):
-    """A deviation from the model: detected at block ``at``, begun with block ``since``, largest in ``channel``."""
+    """A deviation from the model: detected at block ``at``, started with block ``since``, largest in channel
+    ``channel``.
+    """
 
     at: int
     since: int
@@ -46,20 +48,24 @@ class Alarm(NamedTuple):
 
 
 class Detector:
-    """The sequential test. Its evidence is kept from stretch to stretch; a block lasts ``block`` s."""
+    """The sequential test. Its evidence continues from one stretch to the next. A block lasts ``block`` s."""
 
     def __init__(self, channels: int, block: float) -> None:
         self._evidence = np.full((channels, len(_MEANS) + len(_VARIANCES)), -np.inf)
         self._threshold = np.log(BETWEEN / block)
 
     def copy(self) -> Detector:
-        """Return a detector with the same evidence, because a growing stretch is judged again from its start."""
+        """Return a detector with the same evidence. A growing stretch needs it, because it is judged again from its
+        start.
+        """
         other = object.__new__(Detector)
         other._evidence, other._threshold = self._evidence.copy(), self._threshold
         return other
 
     def look(self, white: NDArray[np.float64]) -> Alarm | None:
-        """Process blocks (b, c, n) and return the first alarm; NaN where a channel has no reading."""
+        """Process blocks (b, c, n), and return the first alarm or None. A value is NaN where a channel has no
+        reading.
+        """
         ratios = likelihood_ratios(white)
         for b, ratio in enumerate(ratios):
             self._evidence = np.logaddexp(self._evidence, 0.0) + ratio
@@ -72,7 +78,7 @@ class Detector:
 
 
 def beginning(level: Array) -> int:
-    """Return the block from which on ``level`` (b,) has changed; 0 if two levels fit hardly better than one."""
+    """Return the index of the block at which ``level`` (b,) changes; 0 if two levels fit hardly better than one."""
     blocks = len(level)
     before, total = np.cumsum(level)[:-1], level.sum()
     k = np.arange(1, blocks)
@@ -81,13 +87,13 @@ def beginning(level: Array) -> int:
 
 
 def _means(white: NDArray[np.float64]) -> Array:
-    """Return means (…) over bins (…, n), scaled to variance 1; 0 without readings."""
+    """Return the means over bins (…, n), scaled to variance 1; 0 without readings."""
     there = np.isfinite(white)
     return np.asarray(np.where(there, white, 0.0).sum(axis=-1) / np.sqrt(np.maximum(there.sum(axis=-1), 1)))
 
 
 def likelihood_ratios(white: NDArray[np.float64]) -> Array:
-    """Return log L (b, c, a) of blocks (b, c, n) for the a alternatives; 0 if a channel has no reading."""
+    """Return log L (b, c, a) of blocks (b, c, n) for each of the a alternatives; 0 if a channel has no reading."""
     there = np.isfinite(white)
     count = there.sum(axis=2)
     mean = _means(white)

@@ -1,4 +1,4 @@
-"""Least squares of a stretch with all estimated parameters and the effects of causes."""
+"""Least squares on a stretch, with all estimated parameters and the effects of causes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from diagnosis.twin.innovations import BINS, Columns, Estimate, rough
 
 
 class Fitted(NamedTuple):
-    """Result of least squares for a column: its size, the standard deviation of the size, and the remaining χ²."""
+    """Result of least squares for one cause: its size, the standard deviation of the size, and the remaining χ²."""
 
     size: float
     deviation: float
@@ -20,7 +20,9 @@ class Fitted(NamedTuple):
 
 
 class Fit:
-    """Least squares of the errors of a stretch with all parameters, their priors, and one further column."""
+    """Least squares on the errors of a stretch. All parameters with their priors are fitted together with further
+    columns.
+    """
 
     def __init__(self, columns: Columns, estimate: Estimate) -> None:
         variance = columns.noise / np.maximum(columns.samples, 1) + BINS * rough(columns) ** 2
@@ -36,7 +38,9 @@ class Fit:
         self._chi2 = float(e @ self._pull)
 
     def with_(self, column: Array, typical: float) -> Fitted:
-        """Return the fit of a ``column`` (n, c); size 0 if its typical size would not be visible."""
+        """Return the fit of a ``column`` (n, c). The size is 0 if a cause of the size ``typical`` would not be
+        visible.
+        """
         x = column.reshape(-1)
         imitated = self._weighted @ x
         strength = float(x @ (self._w * x) - imitated @ self._inverse @ imitated)
@@ -46,7 +50,7 @@ class Fit:
         return Fitted(size, strength**-0.5, self._chi2 - size**2 * strength)
 
     def together(self, columns: Sequence[Array]) -> tuple[Fitted, ...]:
-        """Fit several columns (n, c) together; each result has the remaining χ² of all."""
+        """Fit several columns (n, c) together. Return a result for each; all have the same remaining χ²."""
         x = np.stack([column.reshape(-1) for column in columns], axis=1)
         unit = np.sqrt(np.maximum(x.T**2 @ self._w, 1e-300))  # a hole has 1e-6 m² where a force has 1e3 N
         x = x / unit

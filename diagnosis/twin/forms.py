@@ -40,7 +40,9 @@ _GROWS: Final = 40
 
 
 class DeviatingStretch(NamedTuple):
-    """A stretch with a deviation: its readings, its assumptions, and the effects of causes on it."""
+    """A stretch with a deviation: its readings and their model, the estimate of the parameters, and the replays for the
+    effects of causes.
+    """
 
     columns: Columns
     estimate: Estimate
@@ -49,15 +51,17 @@ class DeviatingStretch(NamedTuple):
     points: Sequence[tuple[Hypothesis, Mapping[str, float]]]  #: all causes at all points of their grids
 
     def agrees(self, added: Array, left: float) -> bool:
-        """Return whether the rig agrees with the twin plus the effect ``added`` (n, c) of causes, with the remaining χ²
-        ``left``.
+        """Return whether the rig agrees with the twin if the effect ``added`` (n, c) of causes is included; ``left`` is
+        the remaining χ².
         """
         if left > _FAR * np.count_nonzero(self.columns.samples):  # clearly deviates
             return False
         return self.alarm_with(added) is None
 
     def alarm_with(self, added: Array) -> Alarm | None:
-        """Return the alarm for the twin plus the effect ``added`` (n, c) of causes; None without a deviation."""
+        """Return the alarm of the detector if the effect ``added`` (n, c) of causes is included; None if there is no
+        deviation.
+        """
         explained = self.columns._replace(simulated=self.columns.simulated + added)
         white = judge(explained, self.estimate, rough(self.columns)).white
         return Detector(white.shape[1], BLOCK).look(white)
@@ -72,7 +76,7 @@ class Form(StrEnum):
 
 
 class SizedCause(NamedTuple):
-    """A cause with its size in SI, and the interval of the size (k = 2) over all possible starts."""
+    """A cause with its size (SI). The interval of the size (k = 2) covers all possible starts."""
 
     name: str
     size: float  #: where it grows, the last one
@@ -93,7 +97,7 @@ Steps = Mapping[int, Array]
 
 
 def interval(fits: Iterable[Fitted]) -> tuple[float, float]:
-    """Return the interval (k = 2) of a size over all possible fits."""
+    """Return the interval (k = 2) of a size that covers all ``fits``."""
     every = list(fits)
     return (
         min(one.size - 2.0 * one.deviation for one in every),
@@ -102,13 +106,13 @@ def interval(fits: Iterable[Fitted]) -> tuple[float, float]:
 
 
 def share_grown(at: Array | float, begins: float, ends: float) -> Array:
-    """Return the share (0 to 1) at bins ``at`` of a linear growth from ``begins`` to ``ends``."""
+    """Return which share (0 to 1) of a linear growth from ``begins`` to ``ends`` is reached at the bins ``at``."""
     return np.asarray(np.clip((np.asarray(at) - begins) / (ends - begins), 0.0, 1.0))
 
 
 def growing(steps: Steps, begins: float, ends: float) -> Array:
-    """Return the effect (n, c), per unit of final size, of a cause that grows linearly from bin ``begins`` to
-    ``ends``.
+    """Return the effect (n, c) of a cause that grows linearly from bin ``begins`` to bin ``ends``, per unit of its
+    final size.
     """
     places = sorted(steps)
     bins = np.arange(len(steps[places[0]]), dtype=np.float64) + 0.5
@@ -132,7 +136,7 @@ def growing(steps: Steps, begins: float, ends: float) -> Array:
 
 
 class Shaped(NamedTuple):
-    """A tested form: its first and last bin, its effect, and its fit."""
+    """A tested time course of a cause: its first and last bin, its effect (n, c), and its fit."""
 
     begins: int
     ends: int
@@ -141,15 +145,17 @@ class Shaped(NamedTuple):
 
 
 def places(since: int, bins: int) -> list[int]:
-    """Return the start bins of the steps for a stretch of ``bins`` that deviates since bin ``since``."""
+    """Return the start bins for which steps are simulated, in a stretch of ``bins`` that deviates since bin
+    ``since``.
+    """
     first = max(since - _BEFORE, BINS)
     return sorted({int(one) for one in np.linspace(first, bins - 2 * BINS, _PLACES)})
 
 
 class Forms:
-    """The possible forms of one ``cause`` in a stretch of ``bins``.
+    """The possible time courses of one ``cause`` in a stretch of ``bins``.
 
-    ``steps`` are its effects from each of `places` on; ``steps_at`` simulates it from other bins on.
+    ``steps`` are the effects of steps that start at each of `places`. ``steps_at`` simulates steps from other bins on.
     """
 
     def __init__(
@@ -166,9 +172,9 @@ class Forms:
         self._more: Array | float = 0.0  # effect per unit of a growing form that is not a sum of steps
 
     def grown(self, begins: int, ends: int, size: float, added: Array) -> Shaped:
-        """Return the growing form for a replay that ``added`` (n, c) at ``size``.
+        """Return the growing form after its replay: the effect ``added`` (n, c) at ``size``.
 
-        The difference between the replay and the steps is used for all similar forms from now on.
+        The difference between the replay and the sum of steps is used for all similar forms from now on.
         """
         made = added / size
         self._more = made - growing(self._steps, begins, ends)
@@ -176,13 +182,13 @@ class Forms:
         return Shaped(begins, ends, made, self._fit.with_(made, typical(self._cause)))
 
     def coarse(self, form: Form) -> list[Shaped]:
-        """Return fits of a form for all starts and ends on the grid of places."""
+        """Return the fits of a form for all pairs of start and end on the grid of places."""
         at = [place for place in sorted(self._steps) if place or form is Form.GONE]
         tried = (self._shaped(form, a, b) for i, a in enumerate(at) for b in (*at[i + 1 :], self._last))
         return [one for one in tried if one]
 
     def best(self, form: Form, tried: Sequence[Shaped]) -> tuple[Shaped, list[Shaped]]:
-        """Return the best fit of a form, after refinement of the ``tried`` ones, and all fits that explain as much."""
+        """Refine the ``tried`` fits of a form. Return the best fit, and all fits that explain as much."""
         every = list(tried)
         for reach in _CLOSER if form is Form.GROWING else _SHARPER:
             every += self._closer(form, min(every, key=left_by), reach)
@@ -229,7 +235,7 @@ def left_by(one: Shaped) -> float:
 
 
 def suspect(name: str, form: Form, best: Shaped, alike: Sequence[Shaped], last: int) -> SizedCause:
-    """Return a cause with the best form, and intervals over all forms that explain as much (``alike``)."""
+    """Return a cause with the best form. Its intervals cover all forms that explain as much (``alike``)."""
     return SizedCause(
         name,
         best.fit.size,

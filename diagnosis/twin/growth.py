@@ -37,7 +37,7 @@ _LARGER: Final = 5.0
 
 
 class Growing(NamedTuple):
-    """A growing cause: its forms, and the best of them as a sum of steps."""
+    """A growing cause: its possible time courses, and the best of them, computed as a sum of steps."""
 
     cause: Hypothesis
     shapes: Mapping[str, float]
@@ -46,7 +46,7 @@ class Growing(NamedTuple):
 
 
 class Growth:
-    """The causes that may have grown in a stretch that deviates since bin ``since``."""
+    """The search for causes that grow, in a stretch that deviates since bin ``since``."""
 
     def __init__(self, stretch: DeviatingStretch, since: int) -> None:
         self._stretch, self._since = stretch, since
@@ -54,7 +54,7 @@ class Growth:
         self._tried: set[str] = set()
 
     def explains(self, one: Growing) -> Work[SizedCause | None]:
-        """Return the cause with its growth if this explains the stretch; otherwise None."""
+        """Replay a growing cause and refine it. Return the cause if it explains the stretch; otherwise None."""
         cause, shapes, forms, shaped = one
         self._tried.add(cause.name)
         secant, size = Secant(), shaped.fit.size
@@ -83,7 +83,9 @@ class Growth:
         return suspect(cause.name, Form.GROWING, best, [best, *alike], self._bins)
 
     def among(self, causes: Sequence[Acting]) -> Work[list[SizedCause]]:
-        """Return the growing causes that explain the stretch, among ``causes`` and causes similar to them."""
+        """Return the growing causes that explain the stretch. The candidates are ``causes`` and those easily confused
+        with them.
+        """
         found: list[SizedCause] = []
         asked = list(causes)
         for acting in asked:
@@ -98,7 +100,7 @@ class Growth:
         return found
 
     def mistaken_for(self, one: SizedCause) -> list[Acting]:
-        """Return the confusers of a cause that explains the stretch, with typical sizes."""
+        """Return the causes that are easily confused with a cause that explains the stretch, with typical sizes."""
         confusers = next(cause.confusers for cause, _ in self._stretch.points if cause.name == one.name)
         return [
             Acting(cause, shapes, typical(cause), 0)
@@ -107,7 +109,7 @@ class Growth:
         ]
 
     def _growing(self, acting: Acting) -> Work[Growing | None]:
-        """Return the growth of a cause that acted before, as a sum of steps; None if its simulation fails."""
+        """Return the growth of an earlier cause as a sum of steps; None if its simulation fails."""
         cause, shapes, size, _ = acting
         asked = (cause, shapes, bounded(cause, float(np.copysign(_LARGER * typical(cause), size))))
         steps: dict[int, Array] = {}

@@ -72,7 +72,9 @@ _FIRST: Final = 1.0
 
 
 class Estimate(NamedTuple):
-    """Present estimate of the parameters, in standard deviations of their priors: mean (p,) and covariance (p, p)."""
+    """The present estimate of the parameters: mean (p,) and covariance (p, p), in units of the prior standard
+    deviations.
+    """
 
     mean: Array
     covariance: Array
@@ -83,8 +85,8 @@ class Estimate(NamedTuple):
         return cls(np.zeros(len(parameters)), np.eye(len(parameters)))
 
     def at_a_start(self, parameters: Sequence[Nuisance], rates: Mapping[str, float]) -> Estimate:
-        """Return the estimate for the start of another stretch: parameters of springs and sensors are kept, those of
-        the gas reset.
+        """Return the estimate for the start of another stretch. Parameters of springs and sensors are kept, those of
+        the gas are reset.
 
         ``rates`` (K/s) are the rates of the thermometers of the chambers at the start.
         """
@@ -98,7 +100,7 @@ class Estimate(NamedTuple):
 
 
 def _start(parameter: Nuisance, rates: Mapping[str, float]) -> float:
-    """Return the standard deviation of a parameter at the start of a stretch, in units of its prior's."""
+    """Return the standard deviation of a parameter at the start of a stretch, divided by that of its prior."""
     place, _, what = parameter.name.rpartition(".")
     if what == "initial_temperature":
         return float(np.hypot(WARMTH, BEHIND * rates.get(place, 0.0))) / parameter.spread
@@ -106,7 +108,7 @@ def _start(parameter: Nuisance, rates: Mapping[str, float]) -> float:
 
 
 class Innovations(NamedTuple):
-    """A stretch, block by block: b blocks, c channels."""
+    """The results of a stretch for b blocks and c channels."""
 
     measured: Array  #: (b, c) mean readings
     expected: Array  #: (b, c) of the model with what it had learnt before
@@ -116,7 +118,7 @@ class Innovations(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """Errors of the model and their derivatives by its parameters, by bins."""
+    """Readings and simulated values of a stretch, and their derivatives by the parameters, as means over bins."""
 
     samples: NDArray[np.int64]  #: (n, c) readings in each bin
     measured: Array  #: (n, c)
@@ -127,7 +129,7 @@ class Columns(NamedTuple):
 
 
 def parameters_of(simulator: AirSpring) -> tuple[Nuisance, ...]:
-    """Return all estimated parameters: unknown ones of the simulator, and the state of the friction."""
+    """Return all parameters that the twin estimates: those of the simulator, and the state of the friction."""
     places = (*SIDES, "lateral")
     remembered = (
         Nuisance(f"{place}.friction.{what}", "1", 0.0, spread, per_run=True)
@@ -140,10 +142,10 @@ def parameters_of(simulator: AirSpring) -> tuple[Nuisance, ...]:
 def columns_of(
     run: MeasuredRun, channels: Sequence[Channel], simulator: AirSpring, noise: Array | None = None
 ) -> Columns:
-    """Simulate a run, and once more for each parameter, and average the results over bins.
+    """Simulate a run, and once more for each parameter. Return the means of the results over bins.
 
-    ``noise`` (c,) is the variance of a reading if known; otherwise it is estimated from the run, at least the data
-    sheet's.
+    ``noise`` (c,) is the variance of a reading if known. Otherwise it is estimated from the run; it is at least that of
+    the data sheet.
     """
     parameters = simulator.nuisances
     names = [one.name for one in parameters]
@@ -169,7 +171,9 @@ def columns_of(
 
 
 class Bins:
-    """The bins of a run: ``size`` samples each, of which ``samples`` (n, c) count."""
+    """Division of a run into bins of ``size`` samples. ``samples`` (n, c) is the number of samples that count in each
+    bin.
+    """
 
     def __init__(self, run: MeasuredRun) -> None:
         self.size = max(round(BIN / run.experiment.step), 1)
@@ -178,7 +182,7 @@ class Bins:
         self.samples: NDArray[np.int64] = self._sum(self.counted)
 
     def mean(self, values: Array) -> Array:
-        """Return means (n, c) of the samples that count, 0 without samples."""
+        """Return the mean over the samples that count in each bin (n, c); 0 without such samples."""
         total = self._sum(np.where(self.counted, values, 0.0))
         return np.asarray(total / np.maximum(self.samples, 1))
 
@@ -206,13 +210,16 @@ def _shown(errors: Array, bins: Bins) -> Array:
 
 
 def _from_one_to_the_next(values: Array) -> float:
-    """Return the variance of normal numbers with NaN between them, from the median square of their differences."""
+    """Return the variance of normal numbers, from the median square of the differences between neighbours. NaN are
+    skipped.
+    """
     seen = values[np.isfinite(values)]
     return float(np.median(np.diff(seen) ** 2)) / (2.0 * _MEDIAN) if len(seen) > 2 else 0.0
 
 
 def friction_goes_on(place: Array, travel: float) -> tuple[Array, Array, Array]:
-    """Return the additional friction on a path ``place`` (n,) because of its history, as shares of its limit.
+    """Return three series (n,): the additional friction on a path ``place`` (n,) due to earlier motions, as shares of
+    the friction limit.
 
     The shares are −(u₀ − 1) x₂/(x₂ + x), ∓(D/x₂ − 1) x₂ x/(x₂ + x)² (sign of the first motion), and 1 after a reversal.
     """
@@ -226,9 +233,7 @@ def friction_goes_on(place: Array, travel: float) -> tuple[Array, Array, Array]:
 
 
 def _pressures(experiment: Experiment, channels: Sequence[Channel], simulated: Array) -> list[Array]:
-    """Return the simulated pressure (n,) in the bellows of each side; constant if the channels have no such
-    pressure.
-    """
+    """Return for each side the simulated pressure (n,) in the bellows; constant if no channel is this pressure."""
     places = {channel.name: k for k, channel in enumerate(channels)}
     found = []
     for side in SIDES:
@@ -284,17 +289,19 @@ def _remembered(
 
 
 def _at_first(values: Array, samples: NDArray[np.int64]) -> Array:
-    """Return the mean (c,) of values (n, c) over the first block of bins that have samples (n, c); 0 without any."""
+    """Return the mean (c,) of ``values`` (n, c) over the first bins with samples, as many as a block has; 0 without
+    any.
+    """
     seen = samples > 0
     early = seen & (np.cumsum(seen, axis=0) <= BINS)
     return np.asarray(np.where(early, values, 0.0).sum(axis=0) / np.maximum(early.sum(axis=0), 1))
 
 
 def _wrongly_driven(experiment: Experiment, par: Any) -> Iterator[Experiment]:
-    """Yield the experiment with two errors of its motion.
+    """Yield the experiment with two errors of its input motion, one after the other.
 
-    First: the shear with arms wrong by `FORM` (`diagnosis.systems.motion.sheared`). Second: an accelerometer with a
-    gain wrong by the same share.
+    First: the shear, computed with arms that are wrong by the share `FORM` (`diagnosis.systems.motion.sheared`).
+    Second: an accelerometer with a gain that is wrong by the same share.
     """
     inputs = experiment.inputs
     left, right = inputs["left.height"], inputs["right.height"]
@@ -306,7 +313,7 @@ def _wrongly_driven(experiment: Experiment, par: Any) -> Iterator[Experiment]:
 
 
 def gas_rates(record: Record, start: float) -> dict[str, float]:
-    """Return the rate (K/s) of the thermometer of each chamber at the start of a stretch."""
+    """Return by chamber the rate of change (K/s) of its thermometer at the start of a stretch."""
     rates = {}
     for chamber in CHAMBERS:
         name = f"{chamber}_temperature"
@@ -318,7 +325,7 @@ def gas_rates(record: Record, start: float) -> dict[str, float]:
 
 
 def rough(columns: Columns) -> Array:
-    """Return the error of the model (n, c), one standard deviation."""
+    """Return the allowed error of the model (n, c), as one standard deviation."""
     first = _at_first(columns.simulated, columns.samples)
     travel = np.maximum.accumulate(
         np.where(columns.samples > 0, np.abs(columns.simulated - first), 0.0), axis=0
@@ -328,7 +335,8 @@ def rough(columns: Columns) -> Array:
 
 
 def judge(columns: Columns, estimate: Estimate, off: Array | None = None) -> Innovations:
-    """Compute the innovations of the blocks of a stretch in order, each with the estimate before it.
+    """Compute the innovations of the blocks of a stretch in order. Each block is compared with the estimate from
+    earlier blocks.
 
     ``off`` (n, c) is the allowed error of the model; the default is that of `rough`.
     """

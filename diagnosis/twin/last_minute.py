@@ -18,7 +18,7 @@ _DIGITS: Final = 6
 def joined(
     before: LastMinute | None, start: float, channels: Sequence[Channel], innovations: Innovations
 ) -> LastMinute | None:
-    """Return the last minute up to the end of a stretch whose blocks begin at ``start`` s, joined with ``before``."""
+    """Return the last minute of a run: ``before``, extended by a stretch whose blocks begin at ``start`` s."""
     known = np.flatnonzero(np.isfinite(innovations.measured).any(axis=1))
     if not len(known):
         return before

@@ -1,4 +1,6 @@
-"""Pairs of causes that explain a stretch together if neither does alone: a greedy search, then refinement of each."""
+"""Search for pairs of causes that together explain a stretch which no single cause explains. It is greedy; then each
+pair is refined.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ class Acting(NamedTuple):
 
 
 class _Two(NamedTuple):
-    """Two causes, the effect of each per unit (n, c), their fits, and the starts of each that explain as much."""
+    """Two causes: the effect of each per unit of size (n, c), their fits, and for each the interval of starts that
+    explain as much.
+    """
 
     acting: tuple[Acting, Acting]
     columns: tuple[Array, Array]
@@ -53,7 +57,7 @@ class _Two(NamedTuple):
 
 
 def sum_of(fits: Sequence[Fitted], columns: Sequence[Array]) -> Array:
-    """Return the sum of the effects of causes (n, c)."""
+    """Return the sum (n, c) of the effects of causes: each column times its fitted size."""
     total = 0.0 * columns[0]
     for fit, column in zip(fits, columns, strict=True):
         total += fit.size * column
@@ -61,14 +65,16 @@ def sum_of(fits: Sequence[Fitted], columns: Sequence[Array]) -> Array:
 
 
 class Pairs:
-    """The pairs of causes that may act in a stretch."""
+    """The search for pairs of causes in one stretch."""
 
     def __init__(self, stretch: DeviatingStretch) -> None:
         self._stretch = stretch
         self._last = len(stretch.columns.measured) - 2 * BINS
 
     def pairs_with(self, first: Acting) -> Work[list[tuple[SizedCause, SizedCause]]]:
-        """Return pairs of ``first`` with another cause that explain the stretch, both with their best starts."""
+        """Return pairs of ``first`` and another cause that together explain the stretch, both with their best
+        starts.
+        """
         (column,) = self._stretch.replays.columns([(first.cause, first.shapes, first.size)], first.onset)
         if column is None:
             return []
@@ -88,14 +94,16 @@ class Pairs:
         return pairs
 
     def _where_it_parts(self, size: float, column: Array) -> int | None:
-        """Return the bin since which the rig deviates from the twin with a cause of this size; None without a
-        deviation.
+        """Return the bin since which the rig deviates from the twin with the effect ``column`` times ``size``; None
+        without a deviation.
         """
         alarm = self._stretch.alarm_with(size * column)
         return None if alarm is None else alarm.since * BINS
 
     def _seconds(self, first: Acting, column: Array, onset: int) -> Work[list[Acting]]:
-        """Return the best causes to explain the remainder together with the first one, one grid point of each cause."""
+        """Return the causes that, together with the first one, explain most of the remainder. Each cause is listed with
+        its best grid point.
+        """
         ranked: list[tuple[float, Acting]] = []
         sizes = [(cause, shapes, bounded(cause, typical(cause))) for cause, shapes in self._stretch.points]
         for at in {onset, first.onset}:
@@ -117,7 +125,7 @@ class Pairs:
     def _refined(
         self, acting: tuple[Acting, Acting], which: int, near: Sequence[int], before: _Two | None
     ) -> Work[_Two | None]:
-        """Return the pair with the best start of one of its causes near the present start."""
+        """Return the pair after the start of one cause (``which``) was optimised; the other cause is not moved."""
         mover, keeper = acting[which], acting[1 - which]
         kept = before.columns[1 - which] if before else self._one(keeper)
         if kept is None:

@@ -1,4 +1,4 @@
-"""Effects of causes on a stretch in which they begin: differences of replays, linear in their size."""
+"""Effects of causes on a stretch in which they begin: differences of two replays, divided by the size of the cause."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _STEEP: Final = 0.8
 
 
 class Replays:
-    """Effects of causes on a stretch: differences of two replays that begin at the same bin."""
+    """Computes the effects of causes on a stretch as differences of two replays that begin at the same bin."""
 
     def __init__(self, run: MeasuredRun, simulator: AirSpring) -> None:
         self._run, self._simulator = run, simulator
@@ -33,7 +33,7 @@ class Replays:
     def columns(
         self, sizes: Sequence[tuple[Hypothesis, Mapping[str, float], float]], onset: int
     ) -> Iterator[Array | None]:
-        """Yield the effect (n, c) of each cause (with shapes) from a bin on, per unit of its size.
+        """Yield for each cause its effect (n, c) from bin ``onset`` on, per unit of its size.
 
         None for a cause that is impossible or has size 0.
         """
@@ -55,7 +55,7 @@ class Replays:
             yield self._bins.mean(whole) / size
 
     def changing(self, cause: Hypothesis, shapes: Mapping[str, float], sizes: Array) -> Array | None:
-        """Return the effect (n, c) of a cause with a size for each bin (n,); None if that is impossible."""
+        """Return the effect (n, c) of a cause whose size changes from bin to bin (n,); None if the simulation fails."""
         small = _SMALL * np.abs(sizes).max()
         sizes = np.where(np.abs(sizes) > small, sizes, np.copysign(small, sizes.sum()))
         first = np.append(0, np.flatnonzero(np.diff(sizes)) + 1)
@@ -64,7 +64,9 @@ class Replays:
         return self._bins.mean(moved - self._base) if np.isfinite(moved).all() else None
 
     def _from(self, first: int) -> Experiment:
-        """Return the experiment from a sample on, with the simulated pressures at this sample."""
+        """Return the part of the experiment from sample ``first`` on. It starts with the simulated pressures at this
+        sample.
+        """
         experiment = self._run.experiment
         if first == 0:
             return experiment
@@ -101,18 +103,20 @@ class Secant:
 
 
 def bounded(cause: Hypothesis, size: float) -> float:
-    """Return the nearest possible size, slightly inside of the range, because a closed path cannot close further."""
+    """Return the size limited to slightly less than its possible range. At the very end, for example with a closed
+    orifice, nothing could change further.
+    """
     return float(np.clip(size, _WITHIN * cause.amplitude.low, _WITHIN * cause.amplitude.high))
 
 
 def typical(cause: Hypothesis) -> float:
-    """Return the size of an ordinary fault, with a possible sign."""
+    """Return the typical size of a fault, with a sign that is possible for the cause."""
     size = cause.amplitude.spread
     return -size if cause.amplitude.high <= 0.0 else size
 
 
 def can_be(cause: Hypothesis, size: float) -> bool:
-    """Return whether an acting cause may have this size."""
+    """Return whether a cause that acts may have this size: not 0, within its range, and with a possible sign."""
     amplitude = cause.amplitude
     signed = not cause.one_sided or size * typical(cause) > 0.0
     return size != 0.0 and signed and amplitude.low <= size <= amplitude.high

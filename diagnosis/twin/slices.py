@@ -1,4 +1,4 @@
-"""Work in slices, so that looks at the rig do not wait for a long search for causes.
+"""Long work in slices, so that a long search for causes does not delay the judgement of new samples.
 
 Work is a generator that yields wherever it may be interrupted, at least every few tenths of a second.
 """
@@ -17,13 +17,15 @@ Work: TypeAlias = Generator[None, None, Found]
 
 
 class Sliced(Generic[Found]):
-    """Work that continues where it was interrupted; ``used`` returns the processor time (s)."""
+    """Work that can be interrupted and continued. ``used`` returns the processor time (s)."""
 
     def __init__(self, work: Work[Found], used: Callable[[], float] = processor_time) -> None:
         self._work, self._used = work, used
 
     def go_on(self, seconds: float = inf) -> Found | None:
-        """Work for ``seconds`` of processor time and until the next yield; return the result if the work has ended."""
+        """Continue the work for ``seconds`` of processor time, then until the next yield. Return the result if the work
+        has ended, else None.
+        """
         began = self._used()
         try:
             while True:
@@ -36,7 +38,7 @@ class Sliced(Generic[Found]):
 
 
 def finished(work: Work[Found]) -> Found:
-    """Do all of the work at once and return its result."""
+    """Do all of the work without interruption, and return its result."""
     found = Sliced(work).go_on()
     assert found is not None
     return found

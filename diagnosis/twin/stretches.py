@@ -1,8 +1,8 @@
-"""The parts of a run in which the model can be judged: from a rest on, while the air is known and the motion is
-measured.
+"""Stretches: the parts of a run in which the model can be judged. They begin at a rest, and last while the air is known
+and the motion is measured.
 
-The processor time of a look grows with its stretch. So a stretch ends at the first rest after a minute, or somewhat
-later in the middle of a motion without a rest; then the next stretch begins.
+The processor time of a look grows with the length of its stretch. So a stretch ends at the first rest after a minute.
+In a motion without a rest it ends somewhat later. Then the next stretch begins.
 """
 
 from __future__ import annotations
@@ -61,7 +61,9 @@ WARM: Final = "the gas temperature was not steady, so the initial state of the m
 
 
 class Stretch(NamedTuple):
-    """A part of a run, in s. ``why`` states why it cannot be judged, "" if it can. An ``open`` one may still grow."""
+    """A part of a run from ``start`` to ``end`` (s). ``why`` states why it cannot be judged; "" if it can. An ``open``
+    part may still grow.
+    """
 
     start: float
     end: float
@@ -76,7 +78,7 @@ class Stretch(NamedTuple):
 
     @property
     def sure(self) -> bool:
-        """Whether later samples cannot change its start."""
+        """Whether the part is so long that later samples cannot change its start."""
         return self.end - self.start > _SURE
 
 
@@ -88,7 +90,7 @@ def stretches(record: Record, *, ended: bool = True, since: Stretch = BEGINNING)
     """Return the parts of a run in order, from its beginning to the last received sample.
 
     The last part is open if the run has not ``ended``. ``since`` is a part from an earlier look; it comes first, and
-    earlier parts are skipped.
+    parts before it are skipped.
     """
     begin = round(since.start / STEP)
     before = max(begin - round(_SURE / STEP), 0)
@@ -114,7 +116,7 @@ def _part(grid: Array, first: int, last: int, why: str = "", *, moving: bool = F
 
 
 class _Ready:
-    """The places where a stretch can begin: the bench is at rest, and its gas has settled."""
+    """Finds where a stretch can begin: the bench must be at rest, and its gas must have settled."""
 
     def __init__(self, record: Record, grid: Array, *, ended: bool) -> None:
         self._grid = grid
@@ -125,9 +127,9 @@ class _Ready:
         self._still = still & ~self._warm
 
     def cut(self, first: int, last: int, since: Stretch | None = None) -> Iterator[Stretch]:
-        """Yield the parts that can be judged, cut at the first rest and at later rests of long stretches.
+        """Yield the stretches between two steps. They begin at the first rest; long ones are cut at later rests.
 
-        A stretch of an earlier look (``since``) begins at the first step.
+        If ``since``, a stretch of an earlier look, is given, it begins at the first step.
         """
         rest = round(REST / STEP)
         if last - first < rest:
@@ -182,7 +184,9 @@ def _why(record: Record, grid: Array) -> list[str]:
 
 
 def _samples(record: Record, name: str, grid: Array) -> tuple[Array, Array, Array]:
-    """Return times and values (m,) of the samples of a signal in the steps of a grid, and the edges of the steps."""
+    """Return the samples of a signal within a grid, without NaN: times (m,), values (m,), and the edges of the grid
+    steps.
+    """
     edges = np.append(grid, grid[-1] + STEP)
     times, values = record.series(name) if name in record.signals else (np.empty(0), np.empty(0))
     inside = slice(*np.searchsorted(times, edges[[0, -1]]))
@@ -192,14 +196,12 @@ def _samples(record: Record, name: str, grid: Array) -> tuple[Array, Array, Arra
 
 
 def _sums(record: Record, name: str, grid: Array) -> tuple[Array, Array]:
-    """Return the number of samples (n,) of a signal in each step, and their sum."""
+    """Return for each step of the grid (n,) the number of samples of a signal, and their sum."""
     return binned(*_samples(record, name, grid))
 
 
 def resting(record: Record, grid: Array) -> NDArray[np.bool_]:
-    """Return a mask of the samples (n,) at which all displacements are constant within half a second before and after,
-    without oscillation.
-    """
+    """Return a mask (n,): True where no displacement moves or oscillates within half a second before and after."""
     reach = round(_STILL / STEP)
     still = np.ones(len(grid), np.bool_)
     for name in SENSORS:
@@ -229,9 +231,7 @@ def _scatter(record: Record, name: str, grid: Array, reach: int) -> Array:
 
 
 def _warming(record: Record, grid: Array) -> NDArray[np.bool_]:
-    """Return a mask of the samples (n,) at which the gas is far from thermal equilibrium, and steps shortly before and
-    after.
-    """
+    """Return a mask (n,): True where the gas is far from thermal equilibrium, and shortly before and after."""
     reach = round(REST / STEP)
     going = np.zeros(len(grid), np.bool_)
     for name in BY_GROUP[Group.TEMPERATURE]:
@@ -242,7 +242,7 @@ def _warming(record: Record, grid: Array) -> NDArray[np.bool_]:
 
 
 def _nearby(flags: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
-    """Return a mask of the samples (n,) at which a flag is set within ``reach`` steps."""
+    """Return a mask (n,): True where a flag is set at most ``reach`` steps away."""
     return np.asarray(sliding_window_view(np.pad(flags, reach), 2 * reach + 1).any(axis=1))
 
 
@@ -254,7 +254,7 @@ def _mean(record: Record, name: str, grid: Array) -> Array | None:
 
 
 def _alike(words: list[str], first: int) -> Iterator[tuple[int, int]]:
-    """Yield start and stop of the runs of equal words from ``first`` on."""
+    """Yield start and stop index of each sequence of equal words, from index ``first`` on."""
     for k in range(first + 1, len(words) + 1):
         if k == len(words) or words[k] != words[first]:
             yield first, k

@@ -63,7 +63,7 @@ _BACK: Final = 300.0
 
 
 class Seen(NamedTuple):
-    """A stretch to be judged: its measured run, and the assumed state at the start of its replay."""
+    """A stretch as it is judged: its measured run, and the state that is assumed at the start of its replay."""
 
     start: float  #: s, of the replay
     gas: dict[str, float] | None  #: settings of the gas at the start, if the rig is not at rest
@@ -75,7 +75,7 @@ class Seen(NamedTuple):
 
 
 class _Search(NamedTuple):
-    """A search for the cause of a deviation, from samples received until ``end`` s."""
+    """A search for the cause of a deviation, based on the samples received until ``end`` s."""
 
     work: Sliced[tuple[Deviation, tuple[SizedCause, ...]]]
     start: float  #: s, of the replay
@@ -83,8 +83,8 @@ class _Search(NamedTuple):
 
 
 class Twin:
-    """The model with ``parameters``, compared with the ``record`` of a run, which may be growing; ``model`` is its
-    name.
+    """Compares the model with ``parameters`` with the ``record`` of a run. The record may still grow. ``model`` is the
+    name of the model.
 
     Raises DiagnosisError if the rig has no sensor that the model can be compared with.
     """
@@ -130,7 +130,9 @@ class Twin:
 
     @property
     def looks_back_to(self) -> float:
-        """The time (s) from which on it needs all samples of the record. Before it, means over a second are enough."""
+        """The time (s) from which on the twin needs all samples of the record. Before it, means over a second are
+        enough.
+        """
         first = self._since.start if self._search is None else min(self._since.start, self._search.start)
         return first - _BACK
 
@@ -153,7 +155,7 @@ class Twin:
     def look(self, *, ended: bool = True, later: bool = False) -> TwinStory:
         """Judge the samples received since the last look, and return all results so far.
 
-        With ``later``, the search for causes is left to `search` unless the run has ended.
+        With ``later``, the search for causes waits until `search` is called, unless the run has ended.
         """
         self._later = later and not ended
         if not self._later and self._waiting:
@@ -175,7 +177,7 @@ class Twin:
         return self.story
 
     def search(self, seconds: float = inf) -> None:
-        """Continue the search for causes, for about ``seconds`` of processor time."""
+        """Continue the search for causes for about ``seconds`` of processor time, and store its result if it ends."""
         if self._search is None:
             return
         found = self._search.work.go_on(seconds)
@@ -194,7 +196,7 @@ class Twin:
             self._open = course.extend_deviation(self._open or deviation, deviation, end)
 
     def _close(self, one: Judged) -> None:
-        """Add a finished stretch with its results."""
+        """Store the results of a finished stretch, and complete its search for causes unless this is done `later`."""
         self._closed.append(one)
         if one.along is None:
             self._before = None
@@ -208,7 +210,8 @@ class Twin:
         self._open, self._known = None, ()
 
     def _see(self, stretch: Stretch, end: float, before: Seen | None = None) -> Seen:
-        """Return the stretch until ``end`` s; ``before`` is the stretch as seen in an earlier look.
+        """Return a stretch as it is judged until ``end`` s. ``before`` is the same stretch as judged in an earlier
+        look.
 
         Raises DiagnosisError if it cannot be replayed.
         """
@@ -224,8 +227,8 @@ class Twin:
         return Seen(start, gas, run, channels, columns, estimate, rates)
 
     def _in_motion(self, at: float) -> tuple[float, dict[str, float]]:
-        """Return the start (s) of the replay of a stretch that begins ``at`` s in a motion, and the gas at this
-        start.
+        """Return the start (s) of the replay for a stretch that begins at ``at`` s in a motion, and the gas at the
+        start of the replay.
         """
         if self._before is None or abs(self._closed[-1].end - at) > 0.5 * STEP:
             raise DiagnosisError(MOVING)
@@ -274,9 +277,7 @@ class Twin:
         return Judged(start, stretch.end, alarm is None)
 
     def _part(self, alarm: Alarm, innovations: Innovations, stretch: Stretch, seen: Seen, end: float) -> None:
-        """Report the deviation in a ``stretch`` that was ``seen`` until ``end`` s, and start the search for its
-        cause.
-        """
+        """Report the deviation of a ``stretch``, judged until ``end`` s, and start the search for its cause."""
         start, since, c = seen.start, alarm.since * BLOCK, alarm.channel
         before = self._open
         deviation = Deviation(
@@ -308,7 +309,9 @@ class Twin:
     def _explained(
         self, deviation: Deviation, stretch: Stretch, seen: Seen, since: float
     ) -> Work[tuple[Deviation, tuple[SizedCause, ...]]]:
-        """Return a deviation with its causes, and the causes that explain it alone or as the first of a pair."""
+        """Search the causes of a deviation. Return the deviation with them, and the single causes or the first causes
+        of pairs.
+        """
         # Use the priors: the estimate from sound stretches claims more precision than it has.
         start, before = seen.start, self._known
         prior = Estimate.prior(self._parameters).at_a_start(self._parameters, seen.rates)
@@ -347,7 +350,7 @@ class Twin:
         return explained, first + found.worse
 
     def _is_it_over(self, seen: Seen, start: float, end: float) -> None:
-        """Report the end of an earlier deviation if this stretch agrees with the model and would have shown it."""
+        """Report the end of an earlier deviation, if this stretch would have shown it but agrees with the model."""
         last = self._deviations[-1] if self._deviations else None
         if last is None or not last.lasts or self._waiting:
             return
@@ -371,6 +374,6 @@ class Twin:
 
 
 def _no_suspects() -> Work[Sequence[SizedCause]]:
-    """Return no known causes."""
+    """Return an empty sequence of known causes, as work in slices."""
     yield from ()
     return ()

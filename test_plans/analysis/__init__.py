@@ -32,7 +32,7 @@ TURNING: Final = 0.02
 
 
 class NotMeasured(ValueError):
-    """The samples do not contain the requested quantity."""
+    """Raised if the samples do not contain the requested quantity."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +88,8 @@ def first_harmonic(times: Samples, values: Samples, frequency: float) -> complex
 
 
 def distortion(times: Samples, motion: Samples, frequency: float, wave: Wave = "sine") -> float:
-    """Return the deviation of ``motion`` from a ``wave`` of ``frequency`` (Hz): rms of the residual over rms of the
-    wave.
+    """Return how much ``motion`` deviates from a ``wave`` of ``frequency`` (Hz): rms of the residual divided by rms of
+    the wave.
 
     The residual is that of a fit of a line and the wave. The noise of a sensor gives 0.3 % at 5 mm. Late set-points, or
     an actuator that stops between set-points, give several per cent. Such stops change the first harmonic and the
@@ -108,14 +108,14 @@ def distortion(times: Samples, motion: Samples, frequency: float, wave: Wave = "
 
 
 def _fit(times: Samples, motion: Samples, phase: Samples, wave: Wave) -> tuple[Samples, Samples]:
-    """Return the coefficients of 1, t, the wave and its slope in ``motion``, and the residual."""
+    """Fit 1, t, the wave and its slope to ``motion``. Return the four coefficients, and the residual (n,)."""
     columns = np.column_stack([np.ones_like(times), times - times.mean(), *_shape(phase, wave)])
     found, *_ = np.linalg.lstsq(columns, motion)
     return found, motion - columns @ found
 
 
 def _shape(phase: Samples, wave: Wave) -> tuple[Samples, Samples]:
-    """Return a wave of amplitude 1 at each ``phase`` (rad), and its slope over the phase."""
+    """Return a wave of amplitude 1 at each ``phase`` (rad), and its derivative by the phase."""
     if wave == "triangle":
         return np.arcsin(np.cos(phase)) * 2 / pi, -np.sign(np.sin(phase)) * 2 / pi
     return np.cos(phase), -np.sin(phase)
@@ -123,8 +123,8 @@ def _shape(phase: Samples, wave: Wave) -> tuple[Samples, Samples]:
 
 @lru_cache(maxsize=16)
 def _harmonic_rows(times: bytes, frequency: float) -> Samples:
-    """Return two rows of a pseudo-inverse, shape (2, n), which give the coefficients of cos ωt and sin ωt at ``times``
-    (s).
+    """Return the two rows (2, n) of a pseudo-inverse that give the coefficients of cos ωt and sin ωt from samples at
+    ``times`` (s).
 
     The rows are cached, because the pseudo-inverse takes most of the computing time, and an uncertainty needs the same
     rows a hundred times.
@@ -160,12 +160,14 @@ def one_cycle(
 
 
 def without_lag(amplitude: complex, lag: float, frequency: float) -> complex:
-    """Return the amplitude at the input of a first-order sensor, from the amplitude of its reading: ``X (1 + iωτ)``."""
+    """Return the amplitude at the input of a first-order sensor with the time constant ``lag`` (s), from that of its
+    reading: ``X (1 + iωτ)``.
+    """
     return amplitude * (1 + 1j * tau * frequency * lag)
 
 
 def straight_line(times: Samples, values: Samples) -> tuple[float, float]:
-    """Return level (in the middle of the samples) and slope (per s) of the fitted line; NaN is ignored."""
+    """Return level (in the middle of the samples) and slope (per s) of a fitted line. NaN are ignored."""
     level, good = level_of(values), np.isfinite(values)
     if not good.all():
         times, values = times[good], values[good]
@@ -174,7 +176,7 @@ def straight_line(times: Samples, values: Samples) -> tuple[float, float]:
 
 
 def level_of(values: Samples) -> float:
-    """Return the mean of the samples; NaN is ignored. Raises NotMeasured for fewer than two."""
+    """Return the mean of the samples. NaN are ignored. Raises NotMeasured for fewer than two samples."""
     good = np.isfinite(values)
     if not good.all():
         values = values[good]
@@ -201,9 +203,10 @@ def dynamic_stiffness(
     *,
     lags: tuple[float, float] = (0.0, 0.0),
 ) -> Stiffness:
-    """Return the stiffness K = F/X from first harmonics; the force (N) of a spring increases with ``motion`` (m).
+    """Return the stiffness K = F/X from first harmonics of ``motion`` (m) and ``force`` (N). The force must increase
+    with the motion.
 
-    ``lags`` (s) are those of the sensors of motion and force; each reading is corrected for its own.
+    ``lags`` (s) are the time constants of the sensors of motion and force. Each reading is corrected for its own lag.
     """
     X, F = (
         without_lag(first_harmonic(times, read, frequency), lag, frequency)
@@ -215,8 +218,10 @@ def dynamic_stiffness(
 
 
 def without_drift(motion: Samples, force: Samples) -> Samples:
-    """Return the ``force`` of a closed loop without its linear drift. At the start and at the end of the loop, the
-    position and the friction are the same. So the difference of the forces is drift.
+    """Return the ``force`` of a closed loop minus its linear drift. Raises NotMeasured if the loop is not closed.
+
+    At the start and at the end of the loop, the position and the friction are the same. So the difference of the forces
+    is drift.
     """
     edge = TURNING * (motion.max() - motion.min())
     if abs(motion[-1] - motion[0]) > edge:
@@ -245,7 +250,7 @@ def secant_stiffness(motion: Samples, force: Samples) -> float:
 
 
 def loop_energy(motion: Samples, force: Samples) -> float:
-    """Return ∮F dx (J) over a closed loop, positive for dissipation; the loop is closed from the last point to the
+    """Return ∮F dx (J) over a loop; positive for dissipation. The loop is closed by a line from the last point to the
     first.
     """
     return float(0.5 * np.sum((force + np.roll(force, -1)) * (np.roll(motion, -1) - motion)))
@@ -260,7 +265,7 @@ def whole_cycles(
     count: int,
     frequency: float,
 ) -> npt.NDArray[np.bool_]:
-    """Return a mask of the samples that belong to ``count`` whole cycles from the start of cycle ``first`` on.
+    """Return a mask of the samples in ``count`` whole cycles that begin with cycle ``first``.
 
     ``cycle`` is the sampled number of cycles that the generator has completed. ``running`` is True while it runs;
     earlier values of ``cycle`` belong to the previous program. Raises NotMeasured if the generator never completed
@@ -302,5 +307,7 @@ GENERATOR: Final = ("rig.program", "rig.generator_cycle")
 def harmonic(
     rig: Mapping[str, float], times: Samples, series: Samples, frequency: float, *signals: str
 ) -> complex:
-    """Return the first harmonic of a ``series`` computed from these ``signals``, corrected for their mean lag."""
+    """Return the first harmonic of a ``series`` that was computed from ``signals``, corrected for the mean lag of these
+    signals.
+    """
     return without_lag(first_harmonic(times, series, frequency), lag_of(rig, *signals), frequency)

@@ -1,6 +1,7 @@
 """Forces and moments on the bolster, computed from the load cells with their positions and directions.
 
-``rig`` gives the dimensions (SI) by their names, as a `description.Description` does.
+``rig`` maps the names of dimensions to their values (SI), as a `description.Description` does. A *wrench* is a force
+with its moment.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -34,7 +35,9 @@ pointing = once_for_a_rig(geometry.pointing)
 
 @once_for_a_rig
 def rolling(rig: Rig, cell: str) -> float:
-    """Return the roll moment of a ``cell`` per force (m); its height is read only if it has an effect."""
+    """Return the roll moment that a ``cell`` exerts per unit of its force (m). The height of the cell is read only if
+    it matters.
+    """
     _, d_y, d_z = pointing(rig, cell)
     _, across, up = place(cell)
     return rig[across] * d_z - ((rig[up] - rig["column_height"]) * d_y if d_y else 0.0)
@@ -80,9 +83,10 @@ def unseen(rig: Rig, cells: Iterable[str] | None = None) -> tuple[str, ...]:
 
 
 def ahead_of(values: Mapping[str, Any], rig: Rig, force: str) -> tuple[Samples, Samples]:
-    """Return a force on the bolster (N), upward or sideways, and its moment (N·m) about the middle.
+    """Return a force on the bolster (N), upward or sideways, and the moment (N·m) that its longitudinal position
+    causes.
 
-    Their ratio gives the longitudinal position x of the force: M_y = −x F_z and M_z = x F_y.
+    Their ratio gives this position x: M_y = −x F_z and M_z = x F_y.
     """
     parts = dict(zip(PARTS, wrench(values, rig), strict=True))
     moment = -parts["pitch moment"] if force == "force upward" else parts["yaw moment"]
@@ -90,8 +94,8 @@ def ahead_of(values: Mapping[str, Any], rig: Rig, force: str) -> tuple[Samples, 
 
 
 def against_each_other(values: Mapping[str, Any], rig: Rig) -> dict[str, Samples]:
-    """Return the part of each reading in ``values`` (N) without a resultant force or moment: An = 0 for such readings
-    n.
+    """Return the part of each reading in ``values`` (N) that gives no resultant force or moment: An = 0 for such
+    readings n.
 
     With four upright cells this part is a twist. It occurs if one support yields, or if it is not in the plane of the
     others.
@@ -131,7 +135,10 @@ def bearing(rig: Rig, least: float = NOTHING) -> tuple[str, ...]:
 
 @once_for_a_rig
 def guiding(rig: Rig, least: float = NOTHING) -> tuple[str, ...]:
-    """Return the load cells that a lateral force loads; without stated directions the lateral cells."""
+    """Return the load cells that carry more than the share ``least`` of a lateral force.
+
+    Without stated directions these are the lateral cells.
+    """
     return _pointing(rig, 1, least) or SHEAR_CELLS
 
 
@@ -155,14 +162,14 @@ def sideways_force(values: Mapping[str, Any], rig: Rig) -> Samples:
 
 
 def cell_moment(values: Mapping[str, Any], rig: Rig) -> Samples:
-    """Return the moment against the roll (N·m), from all cells in ``values``."""
+    """Return the moment of springs and bump stop that opposes the roll (N·m), from all cells in ``values``."""
     return -_sum(rig, values, lambda cell: rolling(rig, cell), bearing(rig, SOME))
 
 
 def _sum(
     rig: Rig, values: Mapping[str, Any], share: Callable[[str], float], needed: tuple[str, ...]
 ) -> Samples:
-    """Return the sum of all cells in ``values``, each weighted by its ``share``; cells with the share 0 are not read.
+    """Return the sum of all cells in ``values``, each weighted by its ``share``. Cells with the share 0 are not read.
 
     Raises NotAvailable if a ``needed`` cell has no value or no stated position, because the sum would be incomplete.
     """
@@ -183,9 +190,11 @@ def _share_of_cell(rig: Rig, side: str, cell: str) -> float:
 
 @once_for_a_rig
 def cells_under(rig: Rig, side: str) -> tuple[str, ...]:
-    """Return the load cells that measure the load on one spring: its own cells, if they are below the springs.
+    """Return the load cells that measure the load on one spring. These are fewer cells if they are directly below the
+    springs.
 
-    Without stated positions these are all upright cells. Shares up to `SOME`, as of inexact positions, do not count.
+    Without stated positions these are all upright cells. Shares up to `SOME` do not count, because positions are
+    inexact.
     """
     if any(name not in rig for name in CELLS):
         return VERTICAL_CELLS
@@ -198,7 +207,7 @@ def load_on(values: Mapping[str, Any], rig: Rig, side: str) -> Samples:
 
 
 def rest_load(rig: Rig, cell: str) -> float:
-    """Return the reading of a cell (N) under the bolster alone, for equal cells that carry it without moment."""
+    """Return the reading of a cell (N) under the bolster alone, if the cells are equal and carry it without moment."""
     cells = bearing(rig, SOME)
     columns = np.array([column_of(rig, one) for one in cells])
     upward = np.array([part == "force upward" for part in PARTS], float)

@@ -32,12 +32,14 @@ PLACING: Final = (*SEEING, *ACTUATORS, "stop_gap")
 
 
 def bolster_weight(rig: Rig) -> float:
-    """Return the weight of the bolster (N), which the actuators carry, or both springs as a part of their preload."""
+    """Return the weight of the bolster (N). Either the actuators carry it, or both springs carry it as a part of their
+    preload.
+    """
     return rig["bolster_mass"] * rig["gravity"]
 
 
 def stop_travel_max(rig: Rig) -> float:
-    """Return the largest travel of the bolster toward the bump stop in a pose (m)."""
+    """Return the largest travel (m) of the bolster toward the bump stop that a pose may use."""
     return rig["stop_gap"] - STOP_ROOM
 
 
@@ -51,8 +53,8 @@ class Pose:
 
 
 def pose(rig: Rig, shear: float, roll: float = 0.0) -> Pose:
-    """Return the pose that shears the springs by ``shear`` (m) and rolls them by ``roll`` (rad) clear of the bump
-    stop.
+    """Return a pose that shears the springs by ``shear`` (m) and rolls them by ``roll`` (rad), and does not reach the
+    bump stop.
     """
     centre = rig["centre_height"]
     travel = copysign(min(abs(shear), stop_travel_max(rig)), shear)
@@ -62,7 +64,7 @@ def pose(rig: Rig, shear: float, roll: float = 0.0) -> Pose:
 
 
 def lifted(rig: Rig, roll: float) -> dict[str, float]:
-    """Return the upward travel (m) of each vertical actuator when the bolster rolls by ``roll`` (rad), by actuator."""
+    """Return by actuator the upward travel (m) of each vertical actuator when the bolster rolls by ``roll`` (rad)."""
     return {f"vertical_{side}": rig[across(f"vertical_{side}")] * roll for side in SIDES}
 
 
@@ -87,8 +89,8 @@ def height_of_spring(values: Mapping[str, Samples], rig: Rig, side: str) -> Samp
 
 
 def height_at(values: Mapping[str, Samples], rig: Rig, side: str, place: float) -> Samples:
-    """Return the height (m) that the laser of a side would measure at ``place``, a distance to the left of the middle
-    (m).
+    """Return the height (m) that the laser of a side would measure at another ``place`` (m to the left of the
+    middle).
     """
     reading, offset = values[f"{side}.height"], place - rig[across(f"{side}.height")]
     both = all(f"{one}.height" in values for one in SIDES)
@@ -96,8 +98,8 @@ def height_at(values: Mapping[str, Samples], rig: Rig, side: str, place: float) 
 
 
 def shear_of(values: Mapping[str, Any], rig: Rig) -> Samples:
-    """Return the lateral displacement y of the top plates against the platform (m), corrected for the frame's
-    deflection.
+    """Return the lateral displacement y (m) of the top plates relative to the platform, corrected for the deflection of
+    the frame.
     """
     bolster_roll = roll_of(values, rig) + values["platform.roll"]
     pinned = values["lateral.displacement"] - values["lateral.force"] / rig["lateral_frame_stiffness"]
@@ -136,7 +138,7 @@ def actuator_moment(values: Mapping[str, Samples], rig: Rig) -> Samples:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """The load of one actuator (or a pair), and the transmission between actuator and load, from the data sheets."""
+    """The load of one actuator (or a pair), and the transmission between actuator and load, from data sheets."""
 
     mass: float  #: kg per actuator
     frame: float  #: N/m
@@ -149,9 +151,8 @@ class Drive:
     def command(self, amplitude: float, frequency: float, force: float) -> float:
         """Return the command amplitude (m) that moves the bolster by ``amplitude``, or as far as possible.
 
-        ``force`` (N) is the force of the actuator that is available for the motion. At 25 Hz the piston reaches 0.7 of
-        its command, and the resonance of the frame amplifies the motion of the bolster. The result is corrected for
-        both.
+        ``force`` (N) is the actuator force that is available for the motion. At 25 Hz the piston reaches 0.7 of its
+        command, and the resonance of the frame amplifies the motion of the bolster. The result is corrected for both.
         """
         omega = tau * frequency
         frame = complex(self.frame, omega * self.frame_damping)
@@ -176,7 +177,9 @@ DRIVEN: Final = (
 
 
 def drive(rig: Rig, way: str, stiffness: float) -> Drive:
-    """Return the `Drive` of an actuator, ``vertical`` (one of two) or ``lateral``, with springs of ``stiffness``."""
+    """Return the `Drive` of an actuator, ``vertical`` (one of two) or ``lateral``, for springs of ``stiffness``
+    (N/m).
+    """
     return Drive(
         rig["bolster_mass"] / (2 if way == "vertical" else 1),
         rig[f"{way}_frame_stiffness"],

@@ -46,12 +46,12 @@ class Spectra:
     averages: float
 
     def rms(self, low: float, high: float) -> float:
-        """Return the root mean square of x over a band (Hz)."""
+        """Return the root mean square of x in the band from ``low`` to ``high`` (Hz)."""
         lines = (self.frequency >= low) & (self.frequency <= high)
         return float(np.sqrt(self.xx[lines].sum() * self.frequency[1]))
 
     def between(self, low: float, high: float) -> Transfer:
-        """Return y/x over a band (Hz): least squares over all its lines, H = Σ S_xy / Σ S_xx."""
+        """Return y/x in a band (Hz): least squares over all lines of the spectrum in the band, H = Σ S_xy / Σ S_xx."""
         lines = (self.frequency >= low) & (self.frequency <= high)
         xx, yy, xy = self.xx[lines].sum(), self.yy[lines].sum(), self.xy[lines].sum()
         if not (xx > 0.0 and yy > 0.0):
@@ -65,10 +65,10 @@ class Spectra:
 def spectra(
     x: Samples, y: Samples, rate: float, *, segment: float, x_lag: float = 0.0, y_lag: float = 0.0
 ) -> Spectra:
-    """Return the spectra of ``x`` and ``y``, shape (n,), sampled at ``rate`` (Hz), by Welch's method.
+    """Return the spectra of ``x`` and ``y``, both of shape (n,), sampled at ``rate`` (Hz), by Welch's method.
 
-    ``segment`` (s) sets the resolution; segments overlap by half. The lags (s) are those of first-order transducers.
-    Raises NotMeasured for gaps, or if there are less than two segments.
+    ``segment`` (s) sets the resolution; segments overlap by half. ``x_lag`` and ``y_lag`` (s) are the lags of
+    first-order transducers. Raises NotMeasured for gaps, or if there are less than two segments.
     """
     from scipy.signal import detrend, get_window
 

@@ -50,7 +50,8 @@ YES_OR_NO: Final = "it is yes or no"
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """A value (SI) with its standard uncertainty ``u`` and the ``parts`` of it: standard uncertainty by cause.
+    """A value (SI) with its standard uncertainty ``u``. ``parts`` are the contributions to ``u`` by cause, also
+    standard uncertainties.
 
     ``u`` is None if the value has no uncertainty. ``unknown`` gives the reason: the errors of the readings are unknown,
     or the value is not a measurement (`Exact`).
@@ -67,13 +68,15 @@ class Measured:
 
     @property
     def expanded(self) -> float | None:
-        """The expanded uncertainty U = k u (SI)."""
+        """The expanded uncertainty U = k u (SI); None if ``u`` is None."""
         if self.u is None:
             return None
         return coverage_factor(self.even / self.u) * self.u if self.u else 0.0
 
     def with_uncertainty(self, cause: str, u: float, *, even: bool = False) -> Measured:
-        """Return the value with an additional independent part of its uncertainty; None stays None."""
+        """Return the value with a further independent contribution ``u`` to its uncertainty. Without an uncertainty it
+        is unchanged.
+        """
         if self.u is None:
             return self
         whole = hypot(self.u, u)
@@ -98,7 +101,9 @@ def yes_or_no(so: bool) -> Exact:
 
 
 def timed(value: float, *steps: float) -> Measured:
-    """Return a time (s) between two events with its uncertainty from the sampling intervals ``steps`` (s)."""
+    """Return a time (s) between two events. Its uncertainty is that of the sampling intervals ``steps`` (s) of the
+    events.
+    """
     found = Measured(value, 0.0)
     for step in steps:
         found = found.with_uncertainty(SAMPLING, 0.5 * EVEN * step, even=True)
@@ -198,8 +203,9 @@ Move = Callable[[Any], Any]
 def _all_ways(
     used: Sequence[str], instruments: Instruments, rates: Mapping[str, float], stamps: Mapping[str, Stamp]
 ) -> Iterator[tuple[str, Mapping[str, Move]]]:
-    """Yield each cause with its shifts by signal. A piece shifts one signal; a time stamp shifts all signals of its
-    clock.
+    """Yield each cause of error, with a function for each affected signal that returns the shift of its samples.
+
+    An instrument shifts one signal; a time stamp shifts all signals of its clock.
     """
     for name in used:
         for cause, moved in _instrument_shifts(instruments.pieces[name], rates.get(name, 1.0)):
@@ -217,7 +223,9 @@ def _all_ways(
 def _dimensions(
     names: Iterable[str], captures: Sequence[Captured]
 ) -> Iterator[tuple[str, Mapping[str, Move]]]:
-    """Yield each used dimension with an uncertainty, and the function that shifts it by one standard deviation."""
+    """Yield each used dimension that has an uncertainty, with a function that returns its shift by one standard
+    deviation.
+    """
     for rig in captures:
         if not isinstance(rig, Description):
             continue
@@ -232,12 +240,16 @@ def _constant_shift(by: float, value: Any) -> Any:
 
 
 def _late(by: float, rate: float) -> Move:
-    """Return the shift of samples by one standard deviation of a delay with the half-width ``by`` (s)."""
+    """Return a function that shifts samples by one standard deviation of a delay. ``by`` (s) is the half-width of the
+    delay.
+    """
     return lambda values: -by * EVEN * np.gradient(values) * rate if np.size(values) > 1 else 0.0
 
 
 def _instrument_shifts(piece: Piece, rate: float) -> Iterator[tuple[str, Move]]:
-    """Yield each error of one piece with its shift by one standard deviation."""
+    """Yield each error of one instrument, with a function that returns the shift of samples by one standard
+    deviation.
+    """
     one, signal = piece.instrument, TABLE[piece.signal]
     middle, half = 0.5 * (signal.high + signal.low), 0.5 * (signal.high - signal.low)
     if one.offset:
@@ -270,9 +282,9 @@ def _noise(
     averaged: int | Mapping[str, int],
     apart: Mapping[str, float],
 ) -> Samples:
-    """Return the standard uncertainty due to noise and resolution of single samples; the draws have a fixed seed.
+    """Return the standard uncertainty due to noise and resolution of single samples. The draws have a fixed seed.
 
-    ``apart`` is the distance of received samples by signal, in samples of the capture.
+    ``apart`` gives for each signal the distance between received samples, in samples of the capture.
     """
     generator = np.random.default_rng(1)
     away = np.zeros_like(best)
@@ -287,7 +299,9 @@ def _noise(
 
 
 class _Noise(NamedTuple):
-    """A signal with noise: its readings, the standard deviation of one, and the distance of its samples."""
+    """A signal with noise: its readings, the standard deviation ``sigma`` of one reading, and the distance ``apart``
+    between received samples.
+    """
 
     name: str
     values: Samples
@@ -296,13 +310,15 @@ class _Noise(NamedTuple):
 
     @property
     def numbers(self) -> int:
-        """The number of random numbers for one draw."""
+        """How many random numbers one draw needs."""
         if not self.values.ndim or self.apart < SAME_RATE:
             return self.values.size
         return int((self.values.size - 1) / self.apart) + 2 if self.values.size else 0
 
     def readings(self, normal: Samples) -> Samples:
-        """Return the readings with noise, one row per draw, of normal random numbers, shape (draws, `numbers`)."""
+        """Return the readings with noise, one row per draw. ``normal`` are normal random numbers of shape (draws,
+        `numbers`).
+        """
         if not self.values.ndim:
             return self.values + self.sigma * normal[:, 0]
         if self.apart < SAME_RATE or not self.values.size:
@@ -315,7 +331,9 @@ class _Noise(NamedTuple):
 
 
 def _draws(generator: np.random.Generator, noisy: Sequence[_Noise]) -> Iterator[Iterator[Any]]:
-    """Yield the readings of all ``noisy`` signals, in their order, for each draw; many draws are made in one call."""
+    """Yield for each draw the readings of all ``noisy`` signals, in their order. The random numbers of many draws are
+    made in one call.
+    """
     ends = np.cumsum([0, *(one.numbers for one in noisy)])
     left = NOISE_DRAWS
     while left:
@@ -347,7 +365,9 @@ def _noises(
 
 
 def _sigma(piece: Piece, values: Samples, averaged: int) -> float:
-    """Return the standard deviation of one reading; averaging reduces the noise, but not the effect of resolution."""
+    """Return the standard deviation of one reading. Averaging reduces noise, but the effect of resolution only if noise
+    is large.
+    """
     noise, step = piece.instrument.noise, piece.instrument.resolution * STEP
     if values.ndim:
         return sqrt(noise**2 + step**2)

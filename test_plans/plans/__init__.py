@@ -1,1 +1,3 @@
-"""The test plans, one per file (or one file for both loads); `test_plans.discovery` finds all plans of this folder."""
+"""The test plans, one per file. A file may contain one plan for each load. `test_plans.discovery` finds all plans of
+this folder.
+"""

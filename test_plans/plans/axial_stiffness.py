@@ -81,7 +81,9 @@ def axial_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
 
 
 def _isobaric(run: Run, home: Home) -> dict[str, Measured]:
-    """Return the slope of force over compression (N/m) at constant pressure, over both directions together."""
+    """Measure the force at each step of height at constant pressure. Return by side the slope of force over compression
+    (N/m).
+    """
     names = [
         f"{side}.{what}" for side in SIDES for what in ("height", "bellows_pressure", "auxiliary_pressure")
     ]
@@ -101,7 +103,7 @@ def _isobaric(run: Run, home: Home) -> dict[str, Measured]:
 def _slope(
     side: str, area: float, rig: Rig, rest: Mapping[str, float], *stairs: Mapping[str, float]
 ) -> float:
-    """Return the slope of force over compression (N/m) through the mean readings at each step."""
+    """Return the slope of force over compression (N/m) of a line through the mean readings at the steps."""
     # The valves bring the pressure back within some mbar: the force of the remaining difference is that on the area.
     away = [mean[f"{side}.bellows_pressure"] - rest[f"{side}.bellows_pressure"] for mean in stairs]
     means = [{name: np.asarray(value) for name, value in mean.items()} for mean in stairs]

@@ -121,7 +121,7 @@ ROLLED: Final = CheckName(
 def excitation(
     rig: Rig, wind: float, kind: Wind, amplitude: float, frequency: float, draw: int
 ) -> tuple[Samples, dict[str, Samples], tuple[float, float]]:
-    """Return times (s), the contribution of wind and track to each set-point (SI), and start and end of the track.
+    """Return times (s), the part of each set-point (SI) due to wind and track, and start and end (s) of the track.
 
     The wind rises within 4 s, stays constant, and falls again. During the constant part the platform follows equation
     (24) of the paper, z = a (1 − cos ωt)/2, upward and sideways.
@@ -138,7 +138,7 @@ def excitation(
 
 
 def _wind(times: Samples, wind: float, kind: Wind, draw: int) -> Samples:
-    """Return the wind (m/s) with the mean ``wind``."""
+    """Return the wind (m/s) at ``times`` (s), with the mean ``wind``."""
     if kind == "gust":
         return gust(GUST_FACTOR * wind, TRAIN_SPEED, times, 0.5 * float(times[-1]))
     if kind == "stochastic":
@@ -149,9 +149,11 @@ def _wind(times: Samples, wind: float, kind: Wind, draw: int) -> Samples:
 
 
 def programme(rig: Rig, wind: float, amplitude: float, frequency: float) -> tuple[Wave, ...]:
-    """Return a steady wind and the track of `excitation` as waves of a function generator, which start together.
+    """Return the steady wind and the track of `excitation` as waves of the rig's function generator. All waves start
+    together.
 
-    Rise, plateau and fall of the wind consist of whole cycles, as a generator requires, so its rise takes at most 4 s.
+    A generator requires whole cycles, so rise, plateau and fall of the wind consist of these. The rise takes at most 4
+    s.
     """
     cycles = ceil(TRACK_LASTS * frequency)
     track = cycles / frequency
@@ -178,7 +180,7 @@ CAN_BLOW: Final = Precondition("the rig can make the wind and the track", _look_
 
 
 def _bench_holds(name: str) -> Precondition:
-    """Return the condition that the bolster does not reach its bump stop under the requested wind, track and roll."""
+    """Return a precondition: under the requested wind, track and roll, the bolster must not reach its bump stop."""
 
     def look(run: Run) -> ConditionResult:
         load, given = run.specimen.load(name), dict[str, Any](run.values)
@@ -220,8 +222,9 @@ def _strongest_wind(travel: Callable[[float], float], room: float) -> float | No
 
 
 def foreseen_travel(rig: Rig, load: Load, values: Mapping[str, Any], wind: float) -> float:
-    """Return the travel of the bolster toward its bump stop (m), on the softest springs within the limits.  ``values``
-    are the values of the plan's parameters.
+    """Return the largest travel (m) of the bolster toward its bump stop, for the softest springs within the limits.
+
+    ``values`` are the values of the plan's parameters.
     """
     amplitude, frequency, pressure, roll = (
         values[name] for name in ("amplitude", "frequency", "pressure", "roll")
@@ -233,8 +236,8 @@ def foreseen_travel(rig: Rig, load: Load, values: Mapping[str, Any], wind: float
 
 
 def take_up(load: str) -> Callable[..., None]:
-    """Return the set-up: springs that carry the load at the requested pressure, shut and connected, with a free
-    bolster.
+    """Return the set-up. It loads the springs at the requested pressure, shuts and connects them, releases the bolster,
+    and rolls it if requested.
     """
 
     def set_up(run: Run, pressure: float, roll: float) -> None:
@@ -251,7 +254,7 @@ def take_up(load: str) -> Callable[..., None]:
 
 
 def _roll(run: Run, load: Load, force: float, roll: float) -> None:
-    """Load the two sides unequally until the bolster rolls by ``roll`` (rad).
+    """Move the vertical actuators to unequal preloads until the bolster rolls by ``roll`` (rad).
 
     Springs soften with roll. So the first step applies half of the moment from the specimen's limits, and each step
     stays below the roll.
@@ -321,7 +324,9 @@ def _crosswind_and_track(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """Times of the samples (s, from the start of the wind), start and end of the track, and its frequency (Hz)."""
+    """The captured motion: times of the samples (s from the start of the wind), start and end of the track, and its
+    frequency (Hz).
+    """
 
     at: Samples
     between: tuple[float, float]
@@ -329,7 +334,7 @@ class Seen:
 
     @property
     def shaken(self) -> npt.NDArray[np.bool_]:
-        """A mask of the samples in whole cycles after the transient."""
+        """A mask of the samples during the track, in whole cycles after the transient."""
         lead = ceil(LEAD * self.frequency) / self.frequency
         return np.asarray((self.at >= self.between[0] + lead) & (self.at < self.between[1]))
 
@@ -339,8 +344,8 @@ class Seen:
         return np.asarray((self.at >= -1 * s) & (self.at < 0.0))
 
     def pieces(self) -> Iterator[npt.NDArray[np.bool_]]:
-        """Yield a mask of the samples in each piece of whole cycles, from the piece that ends with the track
-        backward.
+        """Yield a mask of the samples for each piece of whole cycles. The first piece ends with the track; the others
+        come before it.
         """
         times = self.at[self.shaken]
         length = floor((self.between[1] - times[0]) * self.frequency / PIECES + 1e-6) / self.frequency
@@ -350,7 +355,9 @@ class Seen:
             yield np.asarray((self.at >= end - length - 1 / SAMPLE_RATE) & (self.at < end))
 
     def stiffness(self, which: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Stiffness:
-        """Return the complex lateral stiffness of the pair (N/m): first harmonics of force and shear."""
+        """Return the complex lateral stiffness of the pair (N/m), from first harmonics of force and shear. ``which`` is
+        a mask of samples.
+        """
 
         def of(series: Samples, *names: str) -> complex:
             return harmonic(rig, self.at[which], series[which], self.frequency, *names)
@@ -364,8 +371,10 @@ class Seen:
         return Stiffness(force / moved, self.frequency, abs(moved))
 
     def windy(self, rig: Rig, values: Values) -> float:
-        """Return the ratio of the shears by wind and by track, as medians of their absolute values over time. A single
-        gust is short and changes a median little. Steady drift, for example creep, is excluded.
+        """Return the ratio of the shear by the wind to the shear by the track, as medians of their absolute values over
+        time.
+
+        A single gust is short and changes a median little. Steady drift, for example creep, is excluded.
         """
         turn = tau * self.frequency * self.at[self.shaken]
         track = np.column_stack([np.cos(turn), np.sin(turn), np.ones_like(turn), turn])
@@ -383,10 +392,10 @@ class Seen:
 
 
 def roll_torque(values: Values, rig: Rig) -> Samples:
-    """Return the moment (N·m) of the springs about the middle between the top plates, from the actuators.
+    """Return the moment (N·m) of the springs about the middle between the top plates, from the actuator forces.
 
-    It consists of the moment of the vertical actuators, that of the lateral actuator above the plates, and that of the
-    weight of the rolled bolster.
+    It is the sum of the moment of the vertical actuators, of the lateral actuator above the plates, and of the weight
+    of the rolled bolster.
     """
     above = rig["centre_height"] + rig["lateral_actuator_height"]
     roll = roll_of(values, rig) + values["platform.roll"]
@@ -395,7 +404,7 @@ def roll_torque(values: Values, rig: Rig) -> Samples:
 
 
 def _check_response(run: Run, load: Load, seen: Seen, values: Values, rolled: float) -> None:
-    """Check the response of the springs, which unequal preload rolled by ``rolled`` (rad), and record their loops."""
+    """Check the response of the springs and record their loops. ``rolled`` (rad) is the roll by unequal preload."""
     if not all(np.isfinite(values[name][seen.shaken | seen.calm]).all() for name in READ):
         raise NotMeasured("samples of wind and track are missing")
     travel = run.measured(_travel, run.rig, values)
@@ -451,7 +460,9 @@ def _judge_roll(
     torque: Measured,
     beyond: float,
 ) -> None:
-    """Check the roll stiffness ``leans`` at a pressure ``beyond`` (Pa) that of the limits, if it can be judged."""
+    """Check the roll stiffness from the means ``leans`` (roll) and ``torque``, if it can be judged. The pressure is
+    ``beyond`` (Pa) above that of the limits.
+    """
     part, known_to = GIVEN_BACK[rolled > 0.0]
     if other := bench_mismatch(run):
         run.not_available([ROLLED], other)
@@ -480,14 +491,16 @@ def _judge_roll(
 
 
 def _travel(rig: Rig, values: Values) -> float:
-    """Return the largest travel of the bolster from the middle (m): the 99.5th percentile, because of noise."""
+    """Return the largest travel (m) of the bolster from the middle. It is the 99.5th percentile, so that noise does not
+    count.
+    """
     way = stop_travel_of(values, rig) - values["platform.lateral"]
     return float(np.percentile(np.abs(way), 99.5))
 
 
 def _unstated(load: Load, K: Stiffness, windy: float) -> str:
-    """Return the reason why the specimen has no limits for ``K`` and the shear by the wind (`Seen.windy`); "" if it
-    has.
+    """Return why the specimen has no limits for the stiffness ``K`` at this shear by the wind (`Seen.windy`); "" if it
+    has limits.
     """
     if windy > WINDY_MOST:
         return (
@@ -504,12 +517,12 @@ def _unstated(load: Load, K: Stiffness, windy: float) -> str:
 
 
 def _limits(load: Load, name: str, K: Stiffness) -> tuple[float, float]:
-    """Return the limits at the amplitude of ``K``."""
+    """Return the lower and upper limit of ``name`` at the amplitude of ``K``."""
     return load.limits.curve_at(f"crosswind_and_track.{name}", K.amplitude, "kN/m")
 
 
 def middle(band: Band) -> float:
-    """Return the middle of the limits."""
+    """Return the mean of the lower and the upper limit."""
     return 0.5 * ((band.low or 0.0) + (band.high or 0.0))
 
 

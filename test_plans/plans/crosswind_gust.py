@@ -114,7 +114,9 @@ SETTLES: Final = CheckName(
 
 
 def blow(wind: float, train_speed: float) -> tuple[Samples, Samples]:
-    """Return times (s) and the force on the bogie (N) in a gust up to ``wind`` (m/s) with the mean wind around it."""
+    """Return times (s), and the force (N) on the bogie by a gust up to ``wind`` (m/s), with mean wind before and after
+    it.
+    """
     times = np.linspace(0.0, LASTS, round(LASTS / STEP) + 1)
     return times, fade(times) * side_force(gust(wind, train_speed, times, MIDDLE), train_speed)
 
@@ -125,7 +127,9 @@ def strongest(wind: float, train_speed: float) -> float:
 
 
 def passes(train_speed: float) -> float:
-    """Return the time after its middle (s) at which a gust has fallen to `SETTLED` of its excess over the mean wind."""
+    """Return how long after its middle (s) a gust has fallen to the fraction `SETTLED` of its excess over the mean
+    wind.
+    """
     times = np.linspace(0.0, MEAN, round(MEAN / STEP) + 1)
     more = gust(1.0, train_speed, times, 0.0)
     more -= 1.0 / GUST_FACTOR
@@ -133,13 +137,15 @@ def passes(train_speed: float) -> float:
 
 
 def holds(run: Run, load: str) -> float:
-    """Return the force (N) that moves the softest springs within the limits to the bump stop."""
+    """Return the force (N) that moves the softest springs within the limits as far as the bump stop."""
     soft = run.specimen.load(load).limits.curve("crosswind_gust.stiffness", "kN/m")
     return (soft[max(soft)].low or 0.0) * run.rig["stop_gap"]
 
 
 def take_up(run: Run, load: str, wind: float, train_speed: float) -> None:
-    """Refuse a gust that reaches the bump stop; load and shut the springs, and release the bolster."""
+    """Load and shut the springs, and release the bolster. Raises ParameterRefused for a gust that reaches the bump
+    stop.
+    """
     most, held = strongest(wind, train_speed), holds(run, load)
     if most > held:
         raise ParameterRefused(
@@ -214,7 +220,7 @@ def crosswind_gust(
 def _check_response(
     run: Run, load: str, wind: float, train_speed: float, at: Samples, values: Mapping[str, Samples]
 ) -> None:
-    """Check and record the response of the springs at times ``at`` since the start of the wind (s)."""
+    """Check and record the response of the springs. ``at`` are the times (s) since the start of the wind."""
     limits = run.specimen.load(load).limits
     area = run.specimen.effective_area
     y, roll, pushed, parted = _answer(at, run.rig, values)
@@ -258,7 +264,9 @@ def _check_response(
 
 
 def _answer(at: Samples, rig: Rig, values: Mapping[str, Samples]) -> tuple[Samples, ...]:
-    """Return shear (m), roll (rad), lateral force (N) and pressure difference (Pa) of the springs, 0 at rest."""
+    """Return shear (m), roll (rad), lateral force (N) and pressure difference (Pa) of the springs, each relative to its
+    value before the wind.
+    """
     calm = _during(at, -SMOOTH)
     series = (
         shear_of(values, rig),
@@ -300,5 +308,5 @@ def _during(at: Samples, start: float) -> npt.NDArray[np.bool_]:
 
 
 def _smooth(series: Samples) -> Samples:
-    """Return means over 50 ms, which remove noise but no gust."""
+    """Return means over 50 ms. They remove noise, but a gust is much longer."""
     return np.convolve(series, np.full(NOISE, 1 / NOISE), mode="same")

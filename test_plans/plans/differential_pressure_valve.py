@@ -90,8 +90,8 @@ def differential_pressure_valve(
 
 
 def _extremes(way: float, rest: Mapping[str, float], values: Mapping[str, Samples]) -> tuple[float, float]:
-    """Return the largest pressure difference (Pa) and the smallest after an opening, with the value at rest
-    subtracted.
+    """Return the largest pressure difference (Pa), and the smallest one after the valve has opened, both relative to
+    the value at rest.
     """
     zero = rest[PRESSURES[0]] - rest[PRESSURES[1]]
     parted = _smooth(-way * (values[PRESSURES[0]] - values[PRESSURES[1]] - zero))
@@ -107,6 +107,6 @@ def _roll(run: Run, home: Home, z: float, rate: float) -> None:
 
 
 def _smooth(values: Samples) -> Samples:
-    """Return means of the readings over `SMOOTH` neighbours."""
+    """Return running means of the readings over `SMOOTH` samples, without missing samples."""
     received = values[np.isfinite(values)]
     return np.convolve(received, np.full(SMOOTH, 1 / SMOOTH), mode="valid")

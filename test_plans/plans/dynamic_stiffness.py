@@ -101,7 +101,7 @@ def dynamic_stiffness(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
 
 
 def _sine(run: Run, case: Load, frequency: float, amplitude: float) -> tuple[Stiffness, MeasuredStiffness]:
-    """Return the stiffness under a sine, and its parts with their uncertainties."""
+    """Move the bolster in a vertical sine. Return the stiffness, and its parts with their uncertainties."""
     what = f"vertical sine {frequency:g} Hz, {amplitude / mm:g} mm"
     if run.hold_point(f"before the {what}"):
         steps.restore_state(run, case, go_home, COOL)

@@ -97,13 +97,15 @@ Found = Callable[[Rig, Mapping[str, Any]], tuple[float, ...]]
 
 @dataclass(slots=True)
 class Series:
-    """One measurement that is repeated in every inspection: its computations and its readings."""
+    """One measurement that every inspection repeats: the function that computes it, and its readings, for each
+    inspection.
+    """
 
     computed: list[Found] = field(default_factory=list)
     read: list[Mapping[str, Any]] = field(default_factory=list)
 
     def known(self, run: Run, place: int) -> list[Measured]:
-        """Return one of its results, by inspection, each with its own uncertainty."""
+        """Return one quantity of the results (index ``place``) for each inspection, with its own uncertainty."""
         return [
             run.measured(partial(_result_at, of, place), run.rig, read, averaged=AVERAGED)
             for of, read in zip(self.computed, self.read, strict=True)
@@ -112,7 +114,7 @@ class Series:
 
 @dataclass(slots=True)
 class Looks:
-    """The number of cycles, and the results of the inspections, by spring."""
+    """All inspections so far: the number of completed cycles, and the results by spring."""
 
     made: int = 0
     cycles: list[float] = field(default_factory=list)
@@ -122,7 +124,7 @@ class Looks:
     def add(
         self, sines: Mapping[str, Found], read: Mapping[str, Samples], heights: Mapping[str, float]
     ) -> None:
-        """Add one inspection: the results of ``sines`` from the readings ``read``, and mean ``heights`` by signal."""
+        """Add one inspection: the functions ``sines`` with their readings ``read``, and mean ``heights`` by signal."""
         self.cycles.append(float(self.made))
         for where, of in sines.items():
             series = self.sines.setdefault(where, Series())
@@ -134,7 +136,7 @@ class Looks:
             series.read.append(heights)
 
     def judge(self, run: Run) -> None:
-        """Record all curves, and check the changes if there are inspections before and after some cycles."""
+        """Record all curves. Check the changes if there was an inspection before and one after some cycles."""
         for name, quantity, limit, unit in JUDGED:
             band = run.specimen.limits.band(f"endurance.{limit}", unit)
             place = 1 if quantity is DAMPING else 0
@@ -145,7 +147,8 @@ class Looks:
                     check_band(run, name.of(where=where), change, unit, band)
 
     def _change(self, run: Run, series: Series, place: int, unit: str) -> Measured:
-        """Return the change per 1000 cycles, the slope of the fitted line; for ratios relative to the first value.
+        """Return the change per 1000 cycles: the slope of a fitted line. With the unit % it is relative to the first
+        value.
 
         All inspections use the same instruments: offsets cancel in changes, gains in ratios.
         """
@@ -257,7 +260,7 @@ def endurance(
 
 @contextmanager
 def _reason(run: Run, deviation: Deviation | None) -> Iterator[None]:
-    """Report at the end of the block why a ``deviation`` ended the cycles; its causes may be known only then."""
+    """At the end of the block, report why a ``deviation`` ended the cycles. Its causes may be known only then."""
     try:
         yield
     finally:
@@ -276,9 +279,9 @@ def _cycle(
     *,
     ends: bool = False,
 ) -> Deviation | None:
-    """Run ``count`` cycles in as many programs as needed, and add the completed ones to ``looks``.
+    """Run ``count`` cycles in as many generator programs as needed. Add the number of completed cycles to ``looks``.
 
-    With ``ends``, stop at a deviation of rig and model and return it; None if all cycles were completed.
+    With ``ends``, stop at a deviation of rig and model, and return the deviation; None if all cycles were completed.
     """
     while count > 0:
         some = min(count, PROGRAM)
@@ -296,7 +299,9 @@ def _cycle(
 
 
 def _wait_done(run: Run, within: float, ends: bool) -> Deviation | None:
-    """Wait until the cycles are completed; with ``ends``, stop at a deviation of rig and model and return it."""
+    """Wait until the cycles are completed, and return None. With ``ends``, return early if rig and model deviate, with
+    the deviation.
+    """
     last = run.now + round(within * NS)
     while ends:
         if (deviation := run.twin.deviation) is not None:
@@ -313,7 +318,9 @@ def _wait_done(run: Run, within: float, ends: bool) -> Deviation | None:
 def _inspect(
     run: Run, load: Load, axis: Literal["vertical", "lateral"], home: Home, looks: Looks
 ) -> steps.Weighing:
-    """Add the present results to ``looks``; return the readings that give the mass of air."""
+    """Measure stiffness, damping and heights, and add them to ``looks``. Return the readings that give the mass
+    of air.
+    """
     with run.phase(f"look after {looks.made} cycles"):
         run.bench.wait(REST)
         air = steps.weigh_the_air(run)

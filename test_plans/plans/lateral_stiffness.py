@@ -31,7 +31,7 @@ DAMPED: Final = CheckName(
 
 
 def take_up(run: Run, load: str, amplitude: float, offset: float) -> None:
-    """Refuse a motion that would reach the bump stop; otherwise load the springs."""
+    """Load the springs. Raises ParameterRefused for a motion that would reach the bump stop."""
     gap = run.rig["stop_gap"]
     travel = min(abs(offset), stop_travel_max(run.rig)) + amplitude
     if travel > gap:

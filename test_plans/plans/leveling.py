@@ -162,7 +162,9 @@ def leveling(
 
 
 def _check_delay(run: Run, side: str, step: float, times: Samples, values: Mapping[str, Samples]) -> None:
-    """Check the delay after a ``step`` (m) against its limit; a larger step opens the valve sooner."""
+    """Check the delay after a ``step`` (m) against its limit. The limit depends on the step, because a larger step
+    opens the valve sooner.
+    """
     check, limits = DELAY.of(side=side), run.specimen.limits
     stated = limits.curve("leveling_delay")
     if not min(stated) <= step <= max(stated):
@@ -175,8 +177,10 @@ def _check_delay(run: Run, side: str, step: float, times: Samples, values: Mappi
 
 
 def _stairs(run: Run, home: Home, way: float) -> dict[str, list[dict[str, float]]]:
-    """Return the mean heights of the two steps between which each valve opens; only the last step if it does not
-    open.
+    """Move the bolster in steps until each valve opens. Return by side the mean heights of the two steps around the
+    opening.
+
+    ``way`` is the direction, +1 or −1. If a valve does not open, only the last step is returned for its side.
     """
     found: dict[str, list[dict[str, float]]] = {}
     before, low = _slopes(run)
@@ -194,7 +198,7 @@ def _stairs(run: Run, home: Home, way: float) -> dict[str, list[dict[str, float]
 
 
 def _slopes(run: Run) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the rate of pressure change (Pa/s) of each side, and the mean heights (m) during it."""
+    """Measure for a while. Return the rate of pressure change (Pa/s) of each side, and the mean heights (m)."""
     names = {side: f"{side}.auxiliary_pressure" for side in SIDES}
     with run.bench.capture(*names.values(), *HEIGHTS) as capture:
         run.bench.wait(STAIR_LOOK)
@@ -213,7 +217,10 @@ def _opened(run: Run, side: str, way: float, around: list[dict[str, float]]) -> 
 
 
 def _dead_band(run: Run, side: str, around: list[dict[str, float]]) -> Measured:
-    """Return the width (m) between opening to exhaust and to fill, from the steps around both, upper ones first."""
+    """Return the distance (m) between the heights at which a valve opens to exhaust and to fill.
+
+    ``around`` holds the two steps around each opening, those of the upper one first.
+    """
     if len(around) < 4:
         return Measured(2 * (STAIRS[-1] + 1 * mm), unknown=NOT_OPENED)
     width = run.measured(
@@ -225,7 +232,7 @@ def _dead_band(run: Run, side: str, around: list[dict[str, float]]) -> Measured:
 
 
 def _half(side: str, stairs: Sequence[Mapping[str, float]]) -> float:
-    """Return the standard uncertainty (m) of a height that lies between two steps."""
+    """Return the standard uncertainty (m) of a height that is somewhere between two steps."""
     below, above = (stair[f"{side}.height"] for stair in stairs)
     return 0.5 * EVEN * abs(above - below)
 
@@ -243,7 +250,11 @@ def _took(
     target: float,
     within: float,
 ) -> Measured:
-    """Return the time (s) until a pressure reaches the ``target`` (Pa; negative for falling pressures)."""
+    """Return the time (s) after the start of a step until a pressure is reached.
+
+    ``way`` is the direction of the step, ``target`` the pressure (Pa) times −``way``. ``within`` (s) is returned if it
+    is not reached.
+    """
     reached = np.flatnonzero(-way * values[f"{side}.auxiliary_pressure"] >= target)
     if not reached.size:
         return Measured(within, unknown="the pressure was not reached in time")
@@ -260,7 +271,7 @@ def _took(
 def _step(
     run: Run, home: Home, step: float, pressure: float, within: float
 ) -> tuple[Samples, Mapping[str, Samples]]:
-    """Move to a height and shut each side when it reaches ``pressure``; return times (s) and readings.
+    """Move the bolster by ``step`` (m), and shut each side when it reaches ``pressure``. Return times (s) and readings.
 
     Times count from the first motion.
     """
@@ -288,7 +299,9 @@ def _step(
 
 
 def _delay(side: str, times: Samples, values: Mapping[str, Samples]) -> float:
-    """Return the delay (s) of the line of a fully open valve after a step; NaN if the valve was not seen fully open."""
+    """Return how late (s) the air flow begins after a step, from a line through the pressure of the fully open valve.
+    NaN if the valve was not seen fully open.
+    """
     pressure = values[f"{side}.auxiliary_pressure"]
     early, late = ((times >= start) & (times <= end) for start, end in (STEP_DONE, WIDE_OPEN))
     if times[-1] < WIDE_OPEN[1]:

@@ -168,7 +168,8 @@ STILL: Final = 8 * s
 
 
 def without_air(run: Run) -> None:
-    """Vent all air, including the residual air, and release the actuators, so that only the weight of the bolster acts.
+    """Vent the springs and release the actuators, so that only the weight of the bolster acts. Wait until the gas is
+    warm again.
 
     The bolster presses out the last air, which cools by that. Therefore the wait for the gas temperature is the last
     step.
@@ -277,7 +278,9 @@ def measuring_chain(
 def _zeros(
     rig: Rig, has: Callable[[str], bool]
 ) -> Iterator[tuple[CheckName, dict[str, float], float, float, str]]:
-    """Yield the known values without air and force: name, summed readings, value and tolerance (SI), unit."""
+    """Yield each value that is known without air and force: name of the check, weights of the readings to sum, expected
+    value and tolerance (SI), unit.
+    """
     for group, (tolerance, unit) in ZEROS.items():
         for name in (one for one in BY_GROUP[group] if one not in bearing(rig)):
             read, off = {name: 1.0}, tolerance
@@ -306,7 +309,7 @@ def _zeros(
 
 
 def _check_zeros(run: Run) -> None:
-    """Check the reading of each transducer whose quantity is known in this state."""
+    """Check each transducer whose true value is known in this state."""
     zeros = [zero for zero in _zeros(run.rig, run.bench.has) if run.can(zero[0], needs=zero[1])]
     mean = run.bench.averages(
         *dict.fromkeys(name for _, sum_of, *_ in zeros for name in sum_of), over=READ_OVER
@@ -320,13 +323,19 @@ def _check_zeros(run: Run) -> None:
 def _zero(
     sum_of: Mapping[str, float], cell: tuple[str, float] | None, rig: Rig, read: Mapping[str, float]
 ) -> float:
-    """Return a sum of readings; for a ``cell`` that carries the bolster, corrected from rest load to expected load."""
+    """Return a weighted sum of readings.
+
+    A ``cell`` that carries the bolster is given with its expected load. Its sum is corrected by the difference to the
+    rest load.
+    """
     more = rest_load(rig, cell[0]) - cell[1] if cell else 0.0
     return sum(share * read[name] for name, share in sum_of.items()) - more
 
 
 def _weigh(run: Run, mass: float) -> None:
-    """Check the additional reading of the cells under a known ``mass`` (kg), which the operator puts on the bolster."""
+    """Ask the operator to put a known ``mass`` (kg) on the bolster, and check how much the readings of the cells
+    increase.
+    """
     with run.phase("known mass"):
         cells = bearing(run.rig)
         before = run.bench.averages(*cells, over=READ_OVER)
@@ -368,7 +377,7 @@ def _push(run: Run, force: float) -> None:
 
 
 def _check_side(run: Run, side: str, read: Steps, dummy: Band) -> None:
-    """Check one side: its cells against its actuator, and the compliance of dummy and frame."""
+    """Check one side: its cells against its actuator, and the stiffness of dummy and frame."""
     names = OVER_ACTUATOR.of(side=side), OFF_THE_LINE.of(side=side)
     _check_line(run, names, read, partial(_downward, side), GAIN)
     _check_stiffness(run, GIVES_WAY.of(side=side), partial(_stiffness, _dummy, side), read, dummy)
@@ -416,23 +425,25 @@ def _series(read: Steps) -> dict[str, Samples]:
 
 
 def _downward(side: str, rig: Rig, read: Steps) -> Forces:
-    """Return the force on one side (N), from the actuators and from the cells."""
+    """Return two series of the force on one side (N, downward): by the actuators, and by the cells."""
     values = _series(read)
     return pressed_on(values, rig, side), load_on(values, rig, side)
 
 
 def _sideways(rig: Rig, read: Steps) -> Forces:
-    """Return the lateral force (N), from the actuator and from the lateral cells."""
+    """Return two series of the lateral force (N): by the actuator, and by the lateral cells."""
     return _sum(read, "lateral.force"), -sideways_force(_series(read), rig)
 
 
 def _dummy(side: str, rig: Rig, read: Steps) -> Samples:
-    """Return the compression of the dummy (m)."""
+    """Return the compression (m) of the dummy under one side at each step."""
     return -height_of_spring(_series(read), rig, side)
 
 
 def _frame(side: str, rig: Rig, read: Steps) -> Samples:
-    """Return the deflection of the frame (m)."""
+    """Return the deflection (m) of the frame under one side at each step: position of the bolster minus that of the
+    piston.
+    """
     values = _series(read)
     bolster = height_at(values, rig, side, rig[across(f"vertical_{side}")])
     return bolster - values[f"vertical_{side}.displacement"]
@@ -441,7 +452,9 @@ def _frame(side: str, rig: Rig, read: Steps) -> Samples:
 def _stiffness(
     way: Callable[[str, Rig, Steps], Samples], side: str, rig: Rig, *read: Mapping[str, float]
 ) -> float:
-    """Return force over displacement ``way`` (N/m) of one side, with the force from its cells."""
+    """Return a stiffness (N/m) of one side: force of its actuators over the displacement ``way``, at most
+    `STIFFEST`.
+    """
     _, pressed = _downward(side, rig, read)
     compliance = straight_line(pressed, way(side, rig, read))[1]
     return min(1 / compliance if compliance > 0.0 else inf, STIFFEST)

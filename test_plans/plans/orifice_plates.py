@@ -31,7 +31,7 @@ OF_PLATES: Final = ("bore of the plates", "mm")
 
 
 def leave_as_found(run: Run) -> None:
-    """Make the bench safe, then refit its original plates or have the operator refit them."""
+    """Make the bench safe, then fit its original plates again, or ask the operator to do so."""
     steps.make_safe(run)  # if that fails, the operator is not sent to a spring that may be under air
     _fit(run, PLATE)
 
@@ -91,7 +91,9 @@ def orifice_plates(run: Run, *, load: Literal["AW0", "AW3"] = "AW0") -> None:
 
 
 def _fit(run: Run, plate: float, *checks: str) -> bool:
-    """Fit plates to springs without air, or ask the operator to do so; return whether they are fitted."""
+    """Fit orifice plates of the diameter ``plate`` (m), or ask the operator to do so. Return whether they are fitted.
+    The springs must be without air.
+    """
     if run.bench.has("rig.orifice_diameter"):
         fit_plate(run, plate)
         return True

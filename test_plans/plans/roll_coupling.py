@@ -116,7 +116,9 @@ def _odd_and_even(secants: list[float], storages: list[float]) -> tuple[float, f
 
 
 def _swing(run: Run) -> tuple[Samples, Values]:
-    """Roll the bolster, which is free sideways; return times and samples of whole cycles at full amplitude."""
+    """Roll the bolster in a sine while it is free sideways. Return times and samples of whole cycles at full
+    amplitude.
+    """
     bench = run.bench
     bench.lateral.push(0.0, rate=LATERAL_RATE)
     with bench.capture(*HEIGHTS, *bearing(run.rig), *GENERATOR) as capture:
@@ -130,7 +132,7 @@ def _swing(run: Run) -> tuple[Samples, Values]:
 
 
 def _roll_stiffness(times: Samples, rig: Rig, values: Values) -> Stiffness:
-    """Return moment over angle (N·m/rad), from first harmonics."""
+    """Return the roll stiffness, moment over angle (N·m/rad), from first harmonics."""
     late = lag_of(rig, *HEIGHTS), lag_of(rig, *VERTICAL_CELLS)
     angle, moment = roll_of(values, rig), cell_moment(values, rig)
     return dynamic_stiffness(times, angle, moment, SWING_FREQUENCY, lags=late)

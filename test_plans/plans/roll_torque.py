@@ -60,7 +60,9 @@ Values = Mapping[str, Samples]
 
 
 class Motion(NamedTuple):
-    """First harmonics of one motion (SI): shear, roll and height; force, torque and load of the pair against them."""
+    """First harmonics of one motion (SI): shear, roll and height, and the force, torque and load of the pair of
+    springs.
+    """
 
     shear: complex
     roll: complex
@@ -151,7 +153,7 @@ def roll_torque(
 
 
 def _motions(rig: Rig, roll: float) -> list[dict[str, float]]:
-    """Return the amplitude (m) of each actuator in each motion, by name: up, roll, shear, and up again."""
+    """Return the amplitude (m) of each actuator by name, for each of four motions: up, roll, shear, and up again."""
     above = rig["centre_height"] + rig["lateral_actuator_height"]
     travel = roll * rig["spring_half_spacing"]
     up = {f"vertical_{side}": travel for side in SIDES}
@@ -195,8 +197,9 @@ def _motion(times: Samples, rig: Rig, values: Values) -> Motion:
 
 
 def _law(rig: Rig, before: Motion, rolled: Motion, sheared: Motion, after: Motion) -> Law:
-    """Solve both equations for a roll and a shear. The part due to the heights is known from the other two motions, and
-    is subtracted.
+    """Solve both equations for the coefficients, from a motion in roll and a motion in shear.
+
+    The torque due to the heights is known from the two vertical motions, and is subtracted.
     """
     motions = np.array([[rolled.shear, sheared.shear], [rolled.roll, sheared.roll]])
     answers = np.array([[rolled.force, sheared.force], [rolled.torque, sheared.torque]])
@@ -207,5 +210,5 @@ def _law(rig: Rig, before: Motion, rolled: Motion, sheared: Motion, after: Motio
 
 
 def _upright(lifted: Motion) -> float:
-    """Return the vertical stiffness of one spring (N/m)."""
+    """Return the vertical stiffness of one spring (N/m), from a vertical motion of both."""
     return float(0.5 * (lifted.load / lifted.height).real)

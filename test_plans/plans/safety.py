@@ -148,7 +148,9 @@ Read = Mapping[str, Samples]
 
 
 class Course:
-    """Response of the bench to a provocation, with times from ``since`` s after the start of the capture on."""
+    """The captured response of the bench to a provocation. Times count from ``since`` s after the start of the
+    capture.
+    """
 
     def __init__(self, capture: Capture, watched: float, since: float = 0.0) -> None:
         self._values = {name: capture.values(name) for name in READ}
@@ -161,11 +163,15 @@ class Course:
         return float(self._times["rig.state"][np.argmax(there)]) if there.any() else self._watched
 
     def until_small(self, names: Iterable[str], limit: float, read: Read | None = None) -> float:
-        """Return the time (s) from which the magnitudes of all ``names`` in ``read`` stayed within ``limit`` (SI)."""
+        """Return the time (s) after which the magnitudes of all ``names`` stay within ``limit`` (SI). ``read`` replaces
+        the captured readings.
+        """
         return max(self._last_large(name, (read or self._values)[name], limit) for name in names)
 
     def rise(self, read: Read | None = None) -> float:
-        """Return the larger rise of both sides (m); NaN if one of them was not seen throughout."""
+        """Return the rise (m) of the side that rises more; NaN if a height has gaps. ``read`` replaces the captured
+        readings.
+        """
         rises = []
         for name in HEIGHTS:
             values = (read or self._values)[name]
@@ -199,14 +205,14 @@ class Course:
 
 
 def _charge(run: Run) -> None:
-    """Fill the springs, with the bolster held at design height, and shut them."""
+    """Hold the bolster at design height, fill the springs, and shut them."""
     steps.power_up(run)
     steps.raise_the_air(run, run.specimen.load(AW0))
     steps.lock_the_air(run)
 
 
 def _course(run: Run, provocation: AbstractContextManager[None], watched: float) -> Course:
-    """Return the response of the bench in ``watched`` s from the start of a ``provocation``."""
+    """Start a ``provocation``, and return the response of the bench in the next ``watched`` s."""
     bench = run.bench
     with bench.despite_faults(), bench.capture(*READ) as capture, provocation:
         bench.wait(watched)
@@ -214,7 +220,7 @@ def _course(run: Run, provocation: AbstractContextManager[None], watched: float)
 
 
 def _supervised(run: Run, names: Iterable[str]) -> bool:
-    """Return whether the rig is known to detect a silent commander.
+    """Return whether the rig has a watchdog that detects the loss of its commander.
 
     If not, record the checks ``names`` as not available.
     """
@@ -228,7 +234,9 @@ def _supervised(run: Run, names: Iterable[str]) -> bool:
 
 
 def _check_safe(run: Run, name: str, course: Course) -> None:
-    """Check the transition to the safe position."""
+    """Check how the bench went to its safe position: the times until pressures and forces are gone, and the rise of the
+    bolster.
+    """
     for what, names, limit in ((SAFE[0], BELLOWS, RESIDUAL_PRESSURE), (SAFE[1], FORCES, LET_GO)):
         took = course.measured(run, partial(course.until_small, names, limit)).with_uncertainty(
             SAMPLING, OF_A_CYCLE, even=True
@@ -300,7 +308,7 @@ def _lose_the_supply(run: Run) -> None:
 
 @contextmanager
 def _undone(run: Run, what: str, deed: str) -> Iterator[None]:
-    """Undo the action on a simulated rig if an error ends the block first, because the rig continues to run."""
+    """If an error ends the block, undo the action ``deed`` on a simulated rig, because the rig continues to run."""
     try:
         yield
     except BaseException:

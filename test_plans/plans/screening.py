@@ -26,7 +26,9 @@ def medley(
     wide: float,
     roll: float,
 ) -> Stretch:
-    """Return a stretch of about a minute; amplitudes in m (``roll`` in rad), ``step`` relative to the start height."""
+    """Return a stretch of different motions of about a minute. Amplitudes are in m (``roll`` in rad), ``step`` is
+    relative to the start height.
+    """
     segments: tuple[Segment, ...] = (
         Wave("vertical", slow, 0.3 * Hz, 3, "triangle"),
         Wave("vertical", large, 0.5 * Hz, 3),

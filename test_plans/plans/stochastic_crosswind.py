@@ -176,7 +176,7 @@ def _swings(
 
 
 def _sideways(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectra:
-    """Return the spectra of the springs' shear and of their force against it."""
+    """Return the spectra of the shear of the springs (x) and of the lateral force that opposes it (y)."""
     y = shear_of(values, rig) - values["platform.lateral"]
     force = -sideways_force(values, rig)
     late = lag_of(rig, "lateral.displacement"), lag_of(rig, *SHEAR_CELLS)
@@ -184,7 +184,7 @@ def _sideways(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectr
 
 
 def upright(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectra:
-    """Return the spectra of the mean compression of both springs and of the mean load on one."""
+    """Return the spectra of the compression of a spring (x) and of its load (y), each as the mean of both springs."""
     down = -0.5 * (values["left.height"] + values["right.height"])
     force = 0.5 * upward_force(values, rig)
     late = lag_of(rig, *HEIGHTS), lag_of(rig, *VERTICAL_CELLS)
@@ -192,7 +192,9 @@ def upright(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectra:
 
 
 def excitation(times: Samples, wind: float, draw: int) -> dict[str, Samples]:
-    """Return the contribution of lateral actuator (N) and platform (m) at equally spaced ``times`` (s), by reading."""
+    """Return the set-points due to wind and track at equally spaced ``times`` (s), by reading: force of the lateral
+    actuator (N), motion of the platform (m).
+    """
     generator = np.random.default_rng(draw)
     f = np.fft.rfftfreq(times.size, times[1])
     passing = (f >= SLOWEST) & (f <= FASTEST)
@@ -218,9 +220,9 @@ def irregularity(f: Samples, level: float, train_speed: float) -> Samples:
 def check_stiffness(
     run: Run, load: str, direction: str, values: Values, of: Callable[[Rig, Values], Spectra]
 ) -> None:
-    """Check K' over the band, vertically the loss angle too, and record the stiffness over frequency.
+    """Check K' in the frequency band, and vertically also the loss angle. Record the stiffness over frequency.
 
-    The limits hold for a track of the low level under a train of ``TRAIN_SPEED``.
+    The limits are valid for a track of the low level under a train of ``TRAIN_SPEED``.
     """
     limits = run.specimen.load(load).limits
     found = of(run.rig, values)

@@ -98,9 +98,9 @@ def read(track: str) -> TrackRecord:
 def excitation(
     record: TrackRecord, speed: float, duration: float, wind: float
 ) -> tuple[Samples, dict[str, Samples]]:
-    """Return times (s) and the contribution of track and steady crosswind to each set-point (SI).
+    """Return times (s), and the part of each set-point (SI) due to track and steady crosswind.
 
-    All contributions rise and fade within 4 s, and are complete for the ``duration`` (s) in between.
+    All parts rise and fade within 4 s. They are complete for the ``duration`` (s) in between.
     """
     count = round((duration + 2 * RISE) / STEP)
     times = np.linspace(0.0, count * STEP, count + 1)
@@ -133,8 +133,9 @@ def _look_at_the_track(run: Run) -> ConditionResult:
 
 
 def _reaches_the_stop(run: Run, record: TrackRecord) -> str:
-    """Return a text if the bolster can reach its bump stop on the softest springs within the limits; "" otherwise. It
-    is "" also if limits in the specimen's file or dimensions of the rig are missing.
+    """Return a text if the bolster can reach its bump stop on the softest springs within the limits; otherwise "".
+
+    The result is also "" if limits in the specimen's file or dimensions of the rig are missing.
     """
     speed, duration, wind = (float(run.values[name]) for name in ("speed", "duration", "wind"))
     times, moves = excitation(record, speed, duration, wind)
@@ -231,7 +232,9 @@ def track_record(
 
 
 def _once(run: Run, times: Samples, moves: Mapping[str, Samples]) -> Capture:
-    """Run set-points (SI, (n,)) at ``times`` (s, (n,)); return the readings, from `BEFORE` the start."""
+    """Move the platform by set-points (SI, (n,)) at ``times`` (s, (n,)). Return the readings; they begin `BEFORE` s
+    before the start.
+    """
     with run.bench.capture(*READ) as capture:
         run.bench.wait(BEFORE)
         run.bench.waveform.run(times, moves)
@@ -240,7 +243,7 @@ def _once(run: Run, times: Samples, moves: Mapping[str, Samples]) -> Capture:
 
 
 def _compare(run: Run, name: str, at: Samples, values: Values, times: Samples, way: Samples) -> None:
-    """Check the motion of the platform against the commanded ``way`` (n,) at ``times`` (n,), and record both."""
+    """Check how well the platform follows the commanded ``way`` (n,) at ``times`` (n,), and record both motions."""
     played = (at >= 0.0) & (at <= times[-1])
     rms = float(np.std(np.interp(at[played], times, way)))
     shown = name.partition(".")[2]
@@ -277,6 +280,8 @@ def _compare(run: Run, name: str, at: Samples, values: Values, times: Samples, w
 
 
 def _travel(calm: npt.NDArray[np.bool_], shaken: npt.NDArray[np.bool_], rig: Rig, values: Values) -> float:
-    """Return the largest travel of the bolster toward its bump stop (m): the 99.9th percentile, because of noise."""
+    """Return the largest travel (m) of the bolster toward its bump stop. It is the 99.9th percentile, so that noise
+    does not count.
+    """
     way = stop_travel_of(values, rig) - values["platform.lateral"]
     return float(np.percentile(np.abs(way - way[calm].mean())[shaken], 99.9))

@@ -1,1 +1,1 @@
-"""Runs as data: stretches of waves, rest poses and valves, which the bench performs and a model replays."""
+"""Programmes: runs as data. Stretches of waves, rest poses and valves, which the bench performs and a model replays."""

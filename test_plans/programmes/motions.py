@@ -22,7 +22,9 @@ REST: Final = "rest"
 
 @dataclass(frozen=True, slots=True)
 class Wave:
-    """Whole cycles of the function generator about the present pose; the first fades in, the last fades out."""
+    """Whole cycles of the function generator about the present pose. The first cycle fades in, the last one
+    fades out.
+    """
 
     axis: Axis
     amplitude: float  #: m; rad on the roll axis
@@ -44,7 +46,9 @@ class Wave:
 
 @dataclass(frozen=True, slots=True)
 class RestPose:
-    """A pose of the springs relative to design height, centred and level; the bench moves to it and rests."""
+    """A pose of the springs, relative to the pose at design height, centred and level. The bench moves to it
+    and rests.
+    """
 
     height: float = 0.0  #: m
     shear: float = 0.0  #: m
@@ -67,7 +71,7 @@ class RestPose:
         return f"go to {', '.join(places) or 'design height'}"
 
     def targets(self, rig: Rig) -> dict[str, float]:
-        """Return the set-points of a ``rig`` in this pose (m, rad), relative to design height."""
+        """Return by axis the set-points (m, rad) of a ``rig`` in this pose, relative to design height."""
         to = pose(rig, self.shear, self.roll)
         return {
             **{actuator: self.height + way for actuator, way in lifted(rig, to.bolster_roll).items()},
@@ -76,7 +80,7 @@ class RestPose:
         }
 
     def duration_from(self, place: Mapping[str, float], rig: Rig) -> float:
-        """Return the time (s) of the motion to this pose from set-points ``place``; a radian counts as a metre."""
+        """Return the time (s) of the motion from the set-points ``place`` to this pose. A radian counts as a metre."""
         return max(abs(to - place[axis]) for axis, to in self.targets(rig).items()) / self.rate
 
 
@@ -115,7 +119,9 @@ REST_AFTER: Final = 1 * s
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """One run to be replayed: ``segments`` that begin at ``start``, after rest, conditioning and rest again."""
+    """One run that can be replayed. The bench goes to ``start``, rests, does the ``condition`` waves, rests again, and
+    performs the ``segments``.
+    """
 
     segments: tuple[Segment, ...]
     start: RestPose = RestPose()
@@ -125,7 +131,7 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Stretches under one load, which the springs take up on the leveling valves first."""
+    """Stretches under one load. Before them the springs are loaded, on the leveling valves."""
 
     load: str  #: load case of the specimen
     stretches: tuple[Stretch, ...]
@@ -133,7 +139,9 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Programme:
-    """The motions of one session on the bench; plan and record have its name, and ``purpose`` ends its instruction."""
+    """The motions of one session on the bench. Its plan and its record have its name. ``purpose`` is the end of the
+    plan's instruction.
+    """
 
     name: str
     title: str

@@ -1,4 +1,4 @@
-"""Execution of motions on the bench; every segment is its own phase, so that the record can be replayed."""
+"""Execution of motions on the bench. Every segment is a phase of its own, so that the record can be replayed."""
 
 from __future__ import annotations
 
@@ -71,7 +71,9 @@ TAKE_UP: Final = {AW0: 40 * s, AW3: 52 * s}
 
 
 def lasts(programme: Programme) -> float:
-    """Return the duration (s) of a programme on the virtual bench; on a rig of other dimensions it differs little."""
+    """Return how long (s) a programme takes on the virtual bench. On a rig of other dimensions the time differs
+    little.
+    """
     return sum(
         TAKE_UP[part.load]
         + sum(float(trajectory(stretch, ours(), COARSE).time[-1]) + BETWEEN for stretch in part.stretches)
@@ -80,7 +82,7 @@ def lasts(programme: Programme) -> float:
 
 
 def programme_plan(programme: Programme) -> Plan:
-    """Return the plan that performs ``programme`` on the bench; it judges nothing."""
+    """Return the plan that performs ``programme`` on the bench. It does not judge the product."""
     instruction = f"{programme.title}\n\n{cleandoc(programme.purpose)}"
     return Plan(
         programme.name,
@@ -105,7 +107,7 @@ def programme_plan(programme: Programme) -> Plan:
 
 
 def perform(run: Run, programme: Programme) -> None:
-    """Perform ``programme``; its first load is carried already."""
+    """Perform ``programme``. The springs must already carry its first load."""
     number = 0
     for part in programme.parts:
         if part is not programme.parts[0] and not _taken_up(run, programme, part, number):
@@ -129,9 +131,9 @@ def perform(run: Run, programme: Programme) -> None:
 
 
 def _taken_up(run: Run, programme: Programme, part: Part, number: int) -> bool:
-    """Replace the present load by that of ``part``; return False if wrong zeros of the transducers prevent it.
+    """Replace the present load by that of ``part``. Return False if wrong zeros of the transducers prevent it.
 
-    The recorded motion can still be replayed, because it may show the cause.
+    In this case the motion recorded so far can still be replayed, because it may show the cause.
     """
     put_down(run)
     try:
@@ -150,9 +152,10 @@ def _taken_up(run: Run, programme: Programme, part: Part, number: int) -> bool:
 
 
 def _check(run: Run, name: str, stretch: Stretch, capture: Capture) -> None:
-    """Check that the record can be replayed: samples arrived, and the springs reached the commanded travel.
+    """Check that the record can be replayed: enough samples were received, and the springs reached the commanded
+    travel.
 
-    A gap in between does not reduce the reached travel.
+    A gap in the samples does not reduce the reached travel.
     """
     path = trajectory(stretch, run.rig)
     came = min(_received(capture.times(height), path.time[-1]) for height in HEIGHTS)
@@ -169,9 +172,9 @@ def _check(run: Run, name: str, stretch: Stretch, capture: Capture) -> None:
 
 
 def _received(times: Samples, duration: float) -> float:
-    """Return the received share of a signal's samples in ``duration`` (s), relative to its usual interval.
+    """Return the share of a signal's samples that was received in ``duration`` (s), relative to its usual interval.
 
-    The usual interval is the first quartile, which is correct even if every second sample is lost.
+    The usual interval is the first quartile of the intervals. It is correct even if nearly every second sample is lost.
     """
     if times.size < FEW:
         return 0.0
@@ -185,7 +188,7 @@ def _height(side: str, values: Mapping[str, Samples], rig: Rig) -> Samples:
 def _travel_ratio(
     of: Callable[[Mapping[str, Samples], Rig], Samples], way: float, rig: Rig, values: Mapping[str, Samples]
 ) -> float:
-    """Return the ratio of the travel to the commanded ``way`` (m); NaN without samples."""
+    """Return the ratio of the measured travel to the commanded travel ``way`` (m); NaN without samples."""
     motion = of(values, rig)
     seen = motion[np.isfinite(motion)]
     return float(np.ptp(seen)) / way if seen.size else float("nan")
@@ -239,7 +242,9 @@ def _turn(run: Run, valves: Valves) -> None:
 
 
 def _move_to_pose(run: Run, home: Home, pose: RestPose) -> None:
-    """Move all axes so that they arrive together; the axis with the longest distance moves at the rate of the pose."""
+    """Move all axes to a pose so that they arrive together. The axis with the longest distance moves at the rate of the
+    pose.
+    """
     commander = run.bench.commander
     offsets = {"vertical_left": home.left, "vertical_right": home.right}
     targets = {axis: to + offsets.get(axis, 0.0) for axis, to in pose.targets(run.rig).items()}

@@ -32,8 +32,8 @@ AXES: Final = ("vertical_left", "vertical_right", "lateral", "platform_roll")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """Set-points over time relative to design height, shape (n,), in m and rad; ``leveling`` and the like are 0 or
-    1.
+    """Set-points over time, each (n,) in m or rad, relative to design height. The valves (``leveling``, ``reservoirs``,
+    ``dpv``) are 0 or 1.
     """
 
     time: Samples
@@ -50,7 +50,7 @@ class Trajectory:
 
     @property
     def heights(self) -> dict[str, Samples]:
-        """Heights at the lasers (m), by side."""
+        """Heights of the springs at the lasers (m, (n,)), by side."""
         left, right = (self.rig[one] for one in ACTUATORS)
         middle = (right * self.vertical_left - left * self.vertical_right) / (right - left)
         roll = self._bolster_roll - self.platform_roll
@@ -63,7 +63,7 @@ class Trajectory:
 
     @property
     def shear(self) -> Samples:
-        """Lateral displacement of the top plates against the platform (m), for a rigid bench."""
+        """Lateral displacement (m, (n,)) of the top plates relative to the platform, if the bench is rigid."""
         above = self.rig["centre_height"] + self.rig["lateral_actuator_height"]
         return self.lateral + above * self._bolster_roll + self.rig["column_height"] * self.platform_roll
 

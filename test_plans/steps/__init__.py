@@ -1,4 +1,4 @@
-"""The named steps of the test instructions: raise the air, level, shake, roll, vent the air."""
+"""The steps that test instructions consist of: fill, level, shake, roll, vent."""
 
 from test_plans.steps.air import AIR, TIGHT, WEIGHED_BY, Weighing, check_air, check_tightness, weigh_the_air
 from test_plans.steps.carrying import (

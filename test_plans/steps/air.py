@@ -1,4 +1,4 @@
-"""Load and tightness of the air in the springs."""
+"""Steps that measure the load of the springs, and the tightness of their air."""
 
 from __future__ import annotations
 
@@ -59,7 +59,9 @@ _OTHER: Final = {"left": "right", "right": "left"}
 
 
 class Weighing(NamedTuple):
-    """Readings that determine the mass of air: the time of reading (s), and samples and times of each reading."""
+    """Readings that determine the mass of air: the ``time`` of reading (s), and the samples and their times by
+    signal.
+    """
 
     time: float
     values: Values
@@ -111,14 +113,14 @@ def _unseen(run: Run, mean: Mapping[str, float]) -> float:
 
 
 def _read(run: Run, mean: Mapping[str, float], name: str) -> Measured:
-    """Return a mean with its uncertainty."""
+    """Return the mean of one reading with its uncertainty."""
     return run.measured(lambda read: read[name], mean, averaged=AVERAGED)
 
 
 def weigh_the_air(run: Run) -> Weighing:
-    """Read the signals that give the mass of air in each spring; pass the result to `check_tightness` some time later.
+    """Read the signals that give the mass of air in each spring. Later, pass the result to `check_tightness`.
 
-    A rig without these signals is not read.
+    If the rig lacks one of these signals, nothing is read, and the result is empty.
     """
     if run.lacks(*WEIGHED_BY):
         return Weighing(0.0, {}, {})
@@ -131,9 +133,9 @@ def weigh_the_air(run: Run) -> Weighing:
 
 
 def check_tightness(run: Run, load: Load, before: Weighing, at: str = "") -> None:
-    """Check that each spring kept its air since ``before``: m = Σ pV/(RT), independent of the temperature.
+    """Check that each spring kept its air since ``before``. The mass m = Σ pV/(RT) does not depend on the temperature.
 
-    ``load`` is that of the shims; ``at`` ends the names of the checks.
+    ``load`` is the load for which the springs are shimmed. ``at`` is the end of the names of the checks.
     """
     names = {side: TIGHT.of(at, side=side) for side in SIDES}
     if not run.can(*names.values(), needs=WEIGHED_BY):
@@ -152,7 +154,7 @@ def check_tightness(run: Run, load: Load, before: Weighing, at: str = "") -> Non
 
 
 def _air(specimen: Specimen, rig: Rig, values: Values, times: Values, load: Load, side: str) -> float:
-    """Return the mass of air in both chambers of a spring, times R.
+    """Return the mass of air in both chambers of a spring, multiplied by the gas constant R.
 
     The height of the bellows exceeds that of the whole spring by the compression of the emergency spring beyond the
     preload.
@@ -172,7 +174,7 @@ def _air(specimen: Specimen, rig: Rig, values: Values, times: Values, load: Load
 
 
 def _settled(rig: Rig, name: str, times: Samples, values: Samples) -> float:
-    """Return the true value of a reading; a first-order thermometer lags, so T = T_read + τ dT_read/dt."""
+    """Return the mean of a reading, for a thermometer corrected for its first-order lag: T = T_read + τ dT_read/dt."""
     if not name.endswith("temperature"):
         return level_of(values)
     level, slope = straight_line(times, values)

@@ -1,6 +1,8 @@
-"""Amplitude control: a motion is repeated with a corrected command until it has the target amplitude. The command is
-multiplied by the ratio target to reached amplitude: a number for a wave, the inverse of the measured transfer function
-for a track. One repetition is exact for a linear axis, whose gain at a frequency does not depend on the amplitude.
+"""Amplitude control: a motion is repeated with a corrected command until it has the target amplitude.
+
+The command is multiplied by the ratio of target to reached amplitude. For a wave this is a number; for a track it is
+the inverse of the measured transfer function. One repetition is exact for a linear axis, whose gain at a frequency does
+not depend on the amplitude.
 """
 
 from __future__ import annotations
@@ -51,7 +53,9 @@ Motion = TypeVar("Motion")
 
 
 class Answer(NamedTuple, Generic[Command]):
-    """The assessment of a motion, and the command for its repetition; None if it would be the same."""
+    """The assessment of a motion: whether it is good enough, and the command for its repetition. ``corrected`` is None
+    if the command would not change.
+    """
 
     done: bool
     corrected: Command | None
@@ -68,7 +72,7 @@ def controlled(
     once: Callable[[float], Moved],
     harmonic_of: Callable[[Samples, dict[str, Samples]], complex],
 ) -> Moved:
-    """Return the samples of a wave that ``once`` runs with a command (m).
+    """Run a wave with ``once``, which takes a command amplitude (m), and return its samples.
 
     If the rig requires amplitude control, the wave is repeated until the amplitude is ``target`` (m) within 1 %, at
     most three times. ``harmonic_of`` returns the first harmonic of the motion (m). The command stays below 1.5 times
@@ -111,7 +115,9 @@ def _repeat(
     once: Callable[[Command], Motion],
     answer: Callable[[Command, Motion], Answer[Command]],
 ) -> tuple[Motion, Command, Answer[Command], int]:
-    """Repeat a motion with its corrected command; return the last one, its command, answer, and repetitions."""
+    """Repeat a motion with corrected commands. Return the last motion, its command, its assessment, and the number of
+    repetitions.
+    """
     moved, repetition = once(command), 0
     while True:
         found = answer(command, moved)
@@ -128,8 +134,8 @@ def _repeat(
 
 
 class Followed(NamedTuple):
-    """Spectra of the motion on one axis of a track: relative to the track and to its command, both with the delay of
-    the motion.
+    """Spectra of the motion of one axis on a track: relative to the track, and relative to the command. The common
+    delay is removed.
     """
 
     axis: str
@@ -137,7 +143,7 @@ class Followed(NamedTuple):
     by_command: Spectra
 
     def octaves(self) -> dict[tuple[float, float], complex]:
-        """Return the ratio of reached to target motion in each octave of the track (Hz, from and to)."""
+        """Return by octave of the track (from, to; Hz) the complex ratio of the reached motion to the target motion."""
         highest = float(self.by_track.frequency[-1])
         count = int(np.log2(_FASTEST * highest / _SLOWEST))
         bands = [(_SLOWEST * 2**k, _SLOWEST * 2 ** (k + 1)) for k in range(count)]
@@ -169,10 +175,11 @@ def controlled_track(
     before: float,
     once: Callable[[Offsets], Capture],
 ) -> Capture:
-    """Return the capture of a track that ``once`` runs with a command: offsets (SI, (n,)) at ``times`` (s, (n,)).
+    """Run a track with ``once``, which takes the command: offsets (SI, (n,)) at ``times`` (s, (n,)). Return the
+    capture.
 
-    If the rig requires amplitude control, the track is repeated until the motion of each of the ``axes`` is ``target``
-    within 1 % in each octave, in amplitude and phase (0.01 rad), at most three times. A delay that all axes have in
+    If the rig requires amplitude control, the track is repeated at most three times, until the motion of each of the
+    ``axes`` is ``target`` in each octave: within 1 % in amplitude and 0.01 rad in phase. A delay that all axes have in
     common is no error. The capture begins ``before`` (s) the track. The command of a frequency is at most 1.5 times the
     track, and a command beyond the limits of the rig is not used.
     """
@@ -212,7 +219,9 @@ def _axis_text(axis: str) -> str:
 def _followed(
     times: Samples, target: Offsets, command: Offsets, axes: Sequence[str], before: float, moved: Capture
 ) -> list[Followed]:
-    """Return the spectra of each axis, from the samples at their own times: interpolation would smooth them."""
+    """Return the spectra of each axis. The samples are used at their own times, because interpolation would smooth
+    them.
+    """
     motions = {}
     for name in axes:
         at, values = moved.times(name) - before, moved.values(name)
@@ -229,7 +238,7 @@ def _followed(
 
 
 def _common_delay(targets: Mapping[str, Way], motions: Mapping[str, tuple[Samples, Samples]]) -> float:
-    """Return the delay (s) with the least sum of squares of the relative deviations of all axes."""
+    """Return the delay (s), common to all axes, that gives the least sum of squares of their relative deviations."""
     delays = np.arange(0.0, LATEST, _LATE_STEP)
     squares = np.zeros_like(delays)
     for name, (at, motion) in motions.items():
@@ -242,9 +251,10 @@ def _common_delay(targets: Mapping[str, Way], motions: Mapping[str, tuple[Sample
 
 
 def continuous(times: Samples, way: Samples) -> Way:
-    """Return the smooth function of time (s) through a ``way`` (n,) at equally spaced ``times`` from 0 on.
+    """Return a smooth function of time (s) through the points ``way`` (n,) at equally spaced ``times`` from 0 on.
 
-    The way begins and ends at 0; outside of its times the function is 0. Straight lines would reduce fast motions.
+    The way begins and ends at 0; outside of its times the function is 0. Straight lines between the points would reduce
+    fast motions.
     """
     fine = _FINER * np.fft.irfft(np.fft.rfft(way), _FINER * way.size)
     places = np.arange(fine.size) * (times[1] / _FINER)
@@ -252,7 +262,7 @@ def continuous(times: Samples, way: Samples) -> Way:
 
 
 def _filtered(times: Samples, way: Samples, followed: Followed) -> Samples:
-    """Return the command whose motion is the ``way`` (n,); it begins and ends at 0."""
+    """Return the command (n,) that makes the axis move by the ``way`` (n,). It begins and ends at 0."""
     size = 2 * way.size
     lines = np.fft.rfft(way, size) * followed.inverse(np.asarray(np.fft.rfftfreq(size, times[1])))
     found = np.fft.irfft(lines, size)[: way.size]

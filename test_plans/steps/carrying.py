@@ -1,4 +1,4 @@
-"""Steps to load the air springs, hold the load, and vent the springs."""
+"""Steps to load the air springs, to keep the load, and to vent the springs."""
 
 from __future__ import annotations
 
@@ -69,7 +69,9 @@ LET_OFF_WITHIN: Final = DISABLE_AFTER + 20 * s
 
 
 def power_up(run: Run) -> None:
-    """Bring the bench to ACTIVE, with its chambers joined and the differential pressure valve connected."""
+    """Bring the bench to the state ACTIVE, and open the valves between the chambers and the differential pressure
+    valve.
+    """
     with run.phase("power up"):
         run.bench.arm(within=ARM_WITHIN)
         join(run, *CHAMBER_VALVES)
@@ -80,14 +82,14 @@ def power_up(run: Run) -> None:
 
 
 def join(run: Run, *valves: str) -> None:
-    """Open the ``valves`` that are not known to be open; at the start of a rig their state is unknown."""
+    """Open those of the ``valves`` that are not known to be open. At the start of a rig their state is unknown."""
     settings = run.bench.settings
     shut = [name for name in valves if run.bench.has(name) and settings.known(name) != OPEN]
     settings.write(dict.fromkeys(shut, OPEN))
 
 
 def make_safe(run: Run) -> None:
-    """Stop all motion, vent the springs and disarm; each step is tried even if the previous one failed."""
+    """Stop all motion, vent the springs and disarm the bench. Each step is tried even if the previous one failed."""
     try:  # nested, so that each error keeps the one before as its context
         if run.bench.has("rig.program"):
             run.bench.generator.stop()
@@ -102,9 +104,10 @@ def make_safe(run: Run) -> None:
 
 
 def depressurise(run: Run) -> None:
-    """Vent both springs under their load, so that nothing jumps; in a fault state the bench vents them by itself.
+    """Vent both springs while they carry their load, so that nothing jumps. In a fault state, wait until the bench has
+    vented them by itself.
 
-    Raises RigFault if the springs hold air, or if their pressure is unknown.
+    Raises RigFault if the springs still hold air, or if their pressure is unknown.
     """
     bench = run.bench
     with run.phase("depressurise"):
@@ -131,11 +134,11 @@ def depressurise(run: Run) -> None:
 
 
 def carry(load: str | Load) -> Callable[[Run], None]:
-    """Return the set-up in which both springs carry ``load`` (a load case or its name) on their leveling valves.
+    """Return a set-up after which both springs carry ``load`` (a load case or its name) on their leveling valves.
 
     It ends when the temperature of the gas is steady to 2 K over 1 s. The gas can still be 30 K warmer than the walls.
-    The leveling valves compensate the pressure loss by cooling. Without them the bolster sinks by 9 mm in 60 s after
-    filling to AW0. A plan that shuts the valves waits first, as `leak_down` does.
+    The leveling valves compensate the pressure loss by cooling. Without them the bolster would sink by 9 mm in 60 s
+    after filling to AW0. So a plan that shuts the valves waits first, as `leak_down` does.
     """
 
     def set_up(run: Run) -> None:
@@ -149,18 +152,18 @@ def carry(load: str | Load) -> Callable[[Run], None]:
 
 
 def carry_load(run: Run, load: str) -> None:
-    """Set up both springs to carry the load case ``load``, a parameter of the plan."""
+    """Make both springs carry ``load``, a load case that is a parameter of the plan."""
     carry(load)(run)
 
 
 def part_of(run: Run, name: str, part: float) -> Load:
-    """Return a load case with the fraction ``part`` of the preload of load case ``name``, rounded to `SHIM`."""
+    """Return a load case with ``part`` times the preload of load case ``name``, rounded to `SHIM`."""
     return run.specimen.load_of(name, round(part * run.specimen.load(name).preload / SHIM) * SHIM)
 
 
 def shim(run: Run, load: Load) -> None:
-    """Set the height to zero for this load, because the emergency springs deflect 15 mm between the empty and the full
-    car.
+    """Set the zero of the heights for this load. It depends on the load, because the emergency springs deflect 15 mm
+    between empty and full car.
     """
     with run.phase("shim"):
         if lacking := run.bench.lacks("rig.nominal_preload"):
@@ -170,8 +173,8 @@ def shim(run: Run, load: Load) -> None:
 
 
 def once_let_go(run: Run, change: Callable[[], None]) -> None:
-    """Call ``change``, which needs vented springs and released actuators; wait until a bench at rest reaches this
-    state.
+    """Call ``change``, which is possible only with vented springs and released actuators. If the bench is going there,
+    wait.
     """
     bench = run.bench
     deadline, reported = bench.now + LET_OFF_WITHIN, False
@@ -230,7 +233,9 @@ def level_to_the_preload(run: Run, load: Load) -> None:
 
 @contextmanager
 def _reached(run: Run) -> Iterator[None]:
-    """If a force or pressure does not reach its set-point, end a plan with a verdict; other plans warn and continue.
+    """Handle a timeout in the block: a force or pressure has not reached its set-point. A plan with a verdict ends;
+    other plans warn and continue.
+
     Plans without a verdict search for faults, and the transducer may be faulty.
     """
     try:
@@ -243,7 +248,9 @@ def _reached(run: Run) -> Iterator[None]:
 
 @contextmanager
 def _supplied(run: Run, pressure: float) -> Iterator[None]:
-    """Report a low air supply as the cause of a timeout if it is below the required ``pressure`` (Pa gauge)."""
+    """If the block times out and the air supply is below the required ``pressure`` (Pa gauge), raise RigFault with this
+    cause.
+    """
     try:
         yield
     except BenchTimeout as late:
@@ -255,7 +262,7 @@ def _supplied(run: Run, pressure: float) -> Iterator[None]:
 
 
 def hold_the_height(run: Run) -> None:
-    """Hold the bolster at its present height, and replace the pressure that is lost by cooling."""
+    """Hold the bolster at its present height, and refill the pressure that is lost by cooling."""
     bench = run.bench
     with run.phase("hold the height"):
         bench.vertical.hold_position()
@@ -274,10 +281,10 @@ def hold_the_height(run: Run) -> None:
 
 
 def restore_state(run: Run, load: Load, hold: Callable[[Run], T], cool: float = 0.0) -> T:
-    """Restore the springs after a pause of the run: leveled, settled, and shut in if they were shut in before.
+    """Restore the springs after a pause of the run: level them, wait, and shut the valves if they were shut before.
 
-    ``hold`` is the function by which the plan holds the height; its result is returned. Then the gas cools for ``cool``
-    s.
+    ``hold`` is the function by which the plan holds the height; its result is returned. After ``hold`` the gas cools
+    for ``cool`` s.
     """
     locked = run.bench.air.left_mode == "hold"
     with run.phase("stand again"):
@@ -296,7 +303,7 @@ def lock_the_air(run: Run) -> None:
 
 
 def free_the_bolster(run: Run) -> None:
-    """Switch the actuators from position control to a constant force."""
+    """Release the bolster: switch the actuators from position control to a constant force."""
     bench = run.bench
     with run.phase("free the bolster"):
         bench.vertical.control = "force"

@@ -53,8 +53,8 @@ Steps = Sequence[Mapping[str, float]]
 
 
 def check_across(run: Run, cells: Sequence[str], read: Steps, *, over: float) -> None:
-    """Check the crosstalk of an upward force in each of the lateral ``cells``; each step was averaged for ``over``
-    s.
+    """Check how much each of the lateral ``cells`` reads under an upward force (crosstalk). Each step was averaged for
+    ``over`` s.
     """
     for cell in cells:
         name = ACROSS.of(cell=cell)
@@ -64,8 +64,8 @@ def check_across(run: Run, cells: Sequence[str], read: Steps, *, over: float) ->
 
 
 def check_ahead(run: Run, force: str, read: Steps, *, over: float) -> None:
-    """Check the longitudinal position of a ``force`` that grew from step to step; each step was averaged for ``over``
-    s.
+    """Check the longitudinal position of a ``force`` that changed from step to step. Each step was averaged for
+    ``over`` s.
     """
 
     def ahead(rig: Rig, *means: Mapping[str, float]) -> float:
@@ -76,7 +76,7 @@ def check_ahead(run: Run, force: str, read: Steps, *, over: float) -> None:
 
 
 def check_against(run: Run, read: Steps, *, over: float) -> None:
-    """Check the internal force of the cells per upward force; each step was averaged for ``over`` s."""
+    """Check the internal force between the cells per unit of upward force. Each step was averaged for ``over`` s."""
 
     def most(rig: Rig, *means: Mapping[str, float]) -> float:
         values = _of_cells(rig, means)
@@ -88,7 +88,7 @@ def check_against(run: Run, read: Steps, *, over: float) -> None:
 
 
 def _of_cells(rig: Rig, read: Steps) -> dict[str, Samples]:
-    """Return the readings of the cells with a stated position and direction."""
+    """Return by cell the readings of all steps, for the cells with a stated position and direction."""
     known = [cell for cell in described(rig) if cell in read[0]]
     return {cell: np.array([one[cell] for one in read]) for cell in known}
 

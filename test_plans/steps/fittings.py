@@ -1,4 +1,4 @@
-"""Manual changes of the bench: preloads with their shims, orifice plates and the connecting pipe."""
+"""Changes of the bench that are made by hand on a real rig: shims, orifice plates and the connecting pipe."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ PLATE: Final = 13 * mm
 
 
 def put_down(run: Run) -> None:
-    """Vent the springs and release the actuators, so that a user may change shims, plates and the pipe."""
+    """Vent the springs and disarm the bench, so that a person may change shims, plates and the pipe."""
     steps.depressurise(run)
     with run.phase("disarm"):
         run.bench.disarm()
 
 
 def fit_plate(run: Run, diameter: float) -> None:
-    """Fit the orifice plates of this diameter (m) on both sides; the springs are without air."""
+    """Fit the orifice plates of this diameter (m) on both sides. The springs must be without air."""
     with run.phase(f"orifice plates of {diameter / mm:g} mm"):
         steps.once_let_go(run, lambda: setattr(run.bench.rig, "orifice_diameter", diameter))
 
 
 def fit_pipe(run: Run, fitted: Literal["off", "on"]) -> None:
-    """Put the connecting pipe between each bellows and its auxiliary chamber, or take it out again."""
+    """Fit the connecting pipes between the bellows and their auxiliary chambers ("on"), or remove them ("off")."""
     with run.phase(f"connecting pipe {fitted}"):
         steps.once_let_go(run, lambda: setattr(run.bench.rig, "pipe", fitted))
 
 
 def leave_connected(run: Run) -> None:
-    """Open the isolated valves, because the air flows through them, and make the bench safe."""
+    """Open the isolated valves and make the bench safe. Air can flow out only through open valves."""
     with ExitStack() as last_first:
         last_first.callback(steps.make_safe, run)
         last_first.callback(run.bench.air.connect_dpv)

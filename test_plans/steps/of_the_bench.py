@@ -1,4 +1,6 @@
-"""Limits that depend on the bench: of the roll on the spacing of its springs, of the track on its bolster's mass."""
+"""Limits that depend on the bench. Those of the roll depend on the spacing of the springs, those of the track on the
+mass of the bolster.
+"""
 
 from __future__ import annotations
 
@@ -19,8 +21,8 @@ ALIKE: Final = {SPACING: 0.02, MASS: 0.05}
 
 
 def stated(run: Run, name: str, *checks: str) -> bool:
-    """Return whether specimen and rig both state a dimension; if not, the ``checks`` are *not available*, with the
-    reason.
+    """Return whether specimen and rig both state a dimension. If not, record the ``checks`` as *not available*, with
+    the reason.
     """
     if name not in run.specimen.bench:
         run.not_available(
@@ -47,7 +49,8 @@ def check_roll_stiffness(run: Run, name: str, value: Measured, band: Band, note:
 
 
 def of_the_stated_mass(ratio: complex, rig: Rig, mass: float) -> complex:
-    """Return the ratio bolster over platform for a bolster of ``mass`` (kg), from the ``ratio`` for the rig's bolster.
+    """Convert the ratio of bolster motion to platform motion from the mass of the rig's bolster to another ``mass``
+    (kg).
 
     Under constant preload it is K/(K − m ω²/2), so m ω²/(2K) = 1 − 1/ratio is proportional to the mass.
     """
@@ -55,7 +58,9 @@ def of_the_stated_mass(ratio: complex, rig: Rig, mass: float) -> complex:
 
 
 def bench_mismatch(run: Run) -> str:
-    """Return a text on the differences of the rig from the bench for which limits are stated; "" if they are small."""
+    """Return a text on how the rig differs from the bench for which limits are stated; "" if the differences
+    are small.
+    """
     differences = []
     for name, within in ALIKE.items():
         here, there = run.rig[name], run.specimen.bench.get(name)

@@ -1,4 +1,4 @@
-"""Poses of the springs, at design height, sheared or rolled, and the readings there."""
+"""Steps that move the springs to a pose (design height, sheared or rolled), and read their state in it."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ PRESSURE_STEADY: Final = 1.5 * s
 
 @dataclass(frozen=True, slots=True)
 class Home:
-    """Set-points of the vertical actuators (m) with both springs at design height."""
+    """Set-points of the vertical actuators (m) at which both springs are at design height."""
 
     left: float
     right: float
 
 
 def go_home(run: Run) -> Home:
-    """Move both springs to design height, as the lasers measure it, in displacement control.
+    """Move both springs to design height, as measured by the lasers, in displacement control. Return the set-points.
 
-    The valves keep the pressure of each side. Return the set-points that were reached.
+    The valves keep the pressure of each side.
     """
     steps.hold_the_height(run)
     bench = run.bench
@@ -62,7 +62,7 @@ def go_home(run: Run) -> Home:
 
 
 def take_pose(run: Run, home: Home, *, shear: float = 0.0, roll: float = 0.0, height: float = 0.0) -> None:
-    """Shear, roll and lift both springs (m, rad, m) with bolster and platform together; wait until they arrive."""
+    """Shear, roll and lift both springs (m, rad, m), by bolster and platform together. Wait until they arrive."""
     commander = run.bench.commander
     to = pose(run.rig, shear, roll)
     up = lifted(run.rig, to.bolster_roll)
@@ -104,7 +104,7 @@ POSE_SAMPLES: Final = 20
 
 @dataclass(frozen=True, slots=True)
 class PoseReading:
-    """Readings in one pose (SI), per spring as the mean of both."""
+    """Readings in one pose (SI). They are means of both springs; forces are per spring."""
 
     shear: float
     height: float
@@ -118,7 +118,7 @@ class PoseReading:
 
 
 def read_pose(run: Run, over: float = READ_OVER) -> PoseReading:
-    """Read pose and load of the springs, for ``over`` s."""
+    """Measure pose and load of the springs for ``over`` s."""
     with run.bench.capture(*_READ) as capture:
         run.bench.wait(over)
     mean, slope = {}, {}
@@ -150,7 +150,9 @@ def pose_of(mean: Mapping[str, float], rig: Rig) -> PoseReading:
 
 
 def restore_the_air(run: Run, pressures: Mapping[str, float]) -> None:
-    """Restore the earlier pressure of each side, from below and from above, and shut the valves."""
+    """Bring the pressure of each side back to an earlier value (fill if too low, vent if too high), and shut the
+    valves.
+    """
     air = run.bench.air
     left, right = (pressures[f"{side}.auxiliary_pressure"] for side in SIDES)
     for change in (air.fill, air.vent):

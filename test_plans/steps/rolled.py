@@ -35,7 +35,9 @@ COOL_BEFORE_LAST: Final = 20 * s
 
 @dataclass(slots=True)
 class RollAngle:
-    """Lateral stiffness of rolled springs at y = +20 mm: secant, first harmonic, and pressure difference."""
+    """Results of lateral measurements on rolled springs at y = +20 mm: secant, first harmonic, and pressure difference,
+    by roll angle.
+    """
 
     rolls: list[float] = field(default_factory=list)
     secants: list[float] = field(default_factory=list)
@@ -45,7 +47,9 @@ class RollAngle:
     known: list[tuple[Measured, Known]] = field(default_factory=list)  #: secant and first harmonic
 
     def measure(self, run: Run, home: Home, angles: Sequence[float]) -> None:
-        """Measure at each angle, first to one side and then to the other, with a sine of 5 mm about y = +20 mm."""
+        """Roll the springs to each angle, first to one side and then to the other. Measure there with a sine of 5 mm
+        about y = +20 mm.
+        """
         rest = run.bench.averages(*PRESSURES, over=steps.AVERAGE_OVER)
         for side in (1.0, -1.0):
             self._measure(run, home, 0.0, lead=ROLL_CENTRING)
@@ -98,9 +102,10 @@ class RollAngle:
     def judge(
         self, run: Run, evaluate: Callable[[list[float], list[float]], tuple[float, ...]], *rolls: float
     ) -> tuple[Measured, ...]:
-        """Return the result of ``evaluate`` for secants and K' (N/m) at some roll angles (rad), with its uncertainty.
+        """Return the result of ``evaluate`` with its uncertainty. It receives the secants and K' (N/m) at the ``rolls``
+        (rad).
 
-        For each angle the nearest measurement is used; for level, the mean of both.
+        For each angle the nearest measurement is used. There are two at angle 0, of which the mean is used.
         """
         near = [self._near(roll) for roll in rolls]
         used = sorted({place for places in near for place in places})
@@ -126,6 +131,6 @@ class RollAngle:
 
 
 def _secant(values: Values, rig: Rig) -> float:
-    """Return F/y (N/m) of one spring, from mean values."""
+    """Return F/y (N/m) of one spring, from mean values of the samples."""
     force = -0.5 * float(sideways_force({cell: values[cell].mean() for cell in cells_in(values)}, rig))
     return force / float(shear_of(values, rig).mean())

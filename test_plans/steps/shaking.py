@@ -1,4 +1,4 @@
-"""A wave of 5 mm on one axis, its samples at full amplitude, and the checks and records of its results."""
+"""Runs a wave of 5 mm on one axis, returns its samples at full amplitude, and checks and records its results."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ LATERAL_NEEDS: Final = (
 
 
 def vertical_needs(rig: Rig, side: str) -> tuple[str, ...]:
-    """Return the signals and dimensions that the vertical stiffness of one spring needs."""
+    """Return the signals and dimensions needed to measure the vertical stiffness of one spring."""
     seen = (f"{side}.height", *cells_under(rig, side))
     return (*seen, *GENERATOR, "generator.axis", *CELLS, *LASERS, *lags(seen))
 
@@ -93,7 +93,7 @@ def shake(
     names: tuple[str, ...],
     wave: Wave = "sine",
 ) -> tuple[Samples, dict[str, Samples]]:
-    """Run a wave of 5 mm and return the aligned samples of its whole cycles at full amplitude.
+    """Run a wave of 5 mm. Return times (s) and aligned samples of its whole cycles at full amplitude.
 
     A disturbed wave is repeated. If it stays disturbed, the bench is the cause. Then the best wave is returned, and the
     result has a warning. A rig with amplitude control repeats the wave until the motion has this amplitude.
@@ -164,7 +164,7 @@ def _at_full_amplitude(capture: Capture, frequency: float, cycles: int) -> tuple
 def generator_cycles(
     times: Samples, values: dict[str, Samples], first: int, count: int, frequency: float
 ) -> npt.NDArray[np.bool_]:
-    """Return a mask of the samples in ``count`` cycles of the generator from cycle ``first`` on."""
+    """Return a mask of the samples in ``count`` cycles of the generator, beginning with cycle ``first``."""
     running = values["rig.program"] == PROGRAM_STATES.index("RUN")
     return whole_cycles(
         times, values["rig.generator_cycle"], running, first=first, count=count, frequency=frequency
@@ -177,7 +177,7 @@ def spring_motion(values: Values, rig: Rig, side: str) -> tuple[Samples, Samples
 
 
 def lateral_motion(values: Values, rig: Rig) -> tuple[Samples, Samples]:
-    """Return the displacement of the bolster (m) and the force of the springs against it (N)."""
+    """Return the lateral displacement of the bolster (m), and the force with which the springs oppose it (N)."""
     return values["lateral.displacement"], -sideways_force(values, rig)
 
 
@@ -193,7 +193,7 @@ def check_secant(
     motion_of: Callable[[Values, Rig], tuple[Samples, Samples]],
     band: Band,
 ) -> None:
-    """Check the secant slope (N/m) of a slow loop; ``motion_of`` computes motion and force from the readings."""
+    """Check the secant stiffness (N/m) of a slow loop. ``motion_of`` computes motion and force from the readings."""
 
     def secant(rig: Rig, values: Values) -> float:
         motion, force = motion_of(values, rig)
@@ -219,7 +219,7 @@ class MeasuredStiffness(NamedTuple):
 def measure_stiffness(
     run: Run, stiffness: Callable[[Rig, Values], Stiffness], values: Values
 ) -> MeasuredStiffness:
-    """Return the parts of the stiffness that ``stiffness`` computes from readings."""
+    """Return the parts of a stiffness with their uncertainties. ``stiffness`` computes it from the readings."""
 
     def parts(rig: Rig, values: Values) -> tuple[float, ...]:
         K = stiffness(rig, values)
@@ -235,7 +235,10 @@ def check_stiffness(
     storage: Mapping[str, Band] | None = None,
     damping: Mapping[str, Band] | None = None,
 ) -> MeasuredStiffness:
-    """Check K' and c that ``stiffness`` computes from readings, against limits by name of the check."""
+    """Check K' and c of the ``stiffness`` that is computed from readings. Return all its parts.
+
+    ``storage`` and ``damping`` hold the limits of K' and c, by the name of the check.
+    """
     found = measure_stiffness(run, stiffness, values)
     for one, unit, bands in ((found.storage, "kN/m", storage), (found.damping, "kN*s/m", damping)):
         for name, band in (bands or {}).items():
@@ -244,7 +247,7 @@ def check_stiffness(
 
 
 def keep_loop(run: Run, name: str, what: str, motion: Samples, force: Samples) -> None:
-    """Record force over displacement, both about their means, for the report."""
+    """Record force over displacement for the report, both minus their means."""
     run.loop(
         name,
         Axis("displacement", "mm", mm),
@@ -262,7 +265,9 @@ def keep_sweep(
     found: Sequence[MeasuredStiffness],
     sweep: Sequence[tuple[float, Band, Band]],
 ) -> None:
-    """Record K', K'', c and tan δ over the frequencies of ``sweep`` for the report; K' and c with its limits."""
+    """Record K', K'', c and tan δ over the frequencies of ``sweep`` for the report. K' and c are recorded with their
+    limits.
+    """
     frequencies = [frequency for frequency, _, _ in sweep]
     for quantity, values, limits in (
         (STORAGE, [one.storage for one in found], [storage for _, storage, _ in sweep]),

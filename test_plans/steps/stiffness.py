@@ -1,4 +1,6 @@
-"""Vertical stiffness of each spring and lateral stiffness of the pair: slow loops and sines, first harmonic."""
+"""Steps that measure the vertical stiffness of each spring and the lateral stiffness of the pair, by slow loops and by
+sines.
+"""
 
 from __future__ import annotations
 
@@ -107,9 +109,9 @@ BALANCED_BY: Final = (
 
 
 def vertical_loop(run: Run, load: Load, way: Literal["slow", "open", "closed"] = "slow") -> None:
-    """Measure the quasi-static vertical stiffness of each spring: a slow triangle of 5 mm to either side.
+    """Measure and check the quasi-static vertical stiffness of each spring, by a slow triangle of ± 5 mm.
 
-    ``closed``: with the auxiliary volumes shut off, which the caller does.
+    ``way`` selects the check and its limits. With "closed", the caller must have shut off the auxiliary volumes.
     """
     names = {side: VERTICAL_SECANT[way].of(side=side) for side in SIDES}
     sides = [side for side in SIDES if run.can(names[side], needs=vertical_needs(run.rig, side))]
@@ -125,7 +127,7 @@ def vertical_loop(run: Run, load: Load, way: Literal["slow", "open", "closed"] =
 
 
 def vertical_sweep(run: Run, load: Load) -> None:
-    """Measure vertical stiffness and damping of each spring, first harmonic, 5 mm."""
+    """Measure and check vertical stiffness and damping of each spring at several frequencies, by sines of 5 mm."""
     sweep = list(load.sweep("vertical"))
     sides = [
         side
@@ -160,7 +162,7 @@ def vertical_sweep(run: Run, load: Load) -> None:
 def _names(
     names: Sequence[CheckName], sweep: Sequence[tuple[float, Band, Band]], side: str = ""
 ) -> list[CheckName]:
-    """Return the names of the checks of a ``sweep``: stiffness and damping at each of its frequencies."""
+    """Return the names of the checks of a ``sweep``: each of ``names`` (stiffness, damping) at each frequency."""
     return [one.of(side=side, frequency=frequency) for frequency, *_ in sweep for one in names]
 
 
@@ -182,7 +184,10 @@ def _check_balance(run: Run, name: str, times: Samples, values: Values, frequenc
 
 
 def _balance(times: Samples, frequency: float, rig: Rig, values: Values) -> float:
-    """Compare load cells with actuators, which also accelerate the bolster: ΣF_cells = ΣF_act − m ẍ (downward)."""
+    """Return the ratio of the force by the actuators to the force by the load cells.
+
+    The actuators also accelerate the bolster: ΣF_cells = ΣF_act − m ẍ (downward).
+    """
     actuators = values["vertical_left.force"] + values["vertical_right.force"]
     motion = -0.5 * (values["left.height"] + values["right.height"])
     cells = upward_force(values, rig)
@@ -193,7 +198,7 @@ def _balance(times: Samples, frequency: float, rig: Rig, values: Values) -> floa
 
 
 def lateral_loop(run: Run, load: Load) -> None:
-    """Measure the quasi-static lateral stiffness of the pair: a slow triangle of 5 mm to either side."""
+    """Measure and check the quasi-static lateral stiffness of the pair, by a slow triangle of ± 5 mm."""
     if not run.can(LATERAL_SECANT, needs=LATERAL_NEEDS):
         return
     with run.phase("lateral triangle"):
@@ -205,7 +210,7 @@ def lateral_loop(run: Run, load: Load) -> None:
 
 
 def lateral_sweep(run: Run, load: Load) -> None:
-    """Measure lateral stiffness and damping of the pair, first harmonic, 5 mm."""
+    """Measure and check lateral stiffness and damping of the pair at several frequencies, by sines of 5 mm."""
     sweep = list(load.sweep("lateral"))
     if not run.can(*_names(LATERAL_SINES, sweep), needs=LATERAL_NEEDS):
         return

@@ -1,6 +1,6 @@
 """Prediction of the bolster's travel toward its bump stop under wind, track and roll, from the specimen's limits.
 
-A plan compares it with the gap of the stop before any motion.
+A plan compares this travel with the gap of the stop before any motion.
 """
 
 from collections.abc import Mapping
@@ -27,8 +27,8 @@ ROLL_STIFFNESS: Final = "crosswind_and_track.roll_stiffness"
 
 
 def blown(load: Load, rig: Rig, force: Samples, pressure: float) -> Samples:
-    """Return the lateral travel (m) of the bolster on the softest springs within their limits, under a wind ``force``
-    (N).
+    """Return the lateral travel (m) of the bolster under a wind ``force`` (N), on the softest springs within their
+    limits.
 
     The track keeps the springs in motion, so friction does not act as a static force. ``pressure`` is relative to that
     of the load.
@@ -41,9 +41,10 @@ def blown(load: Load, rig: Rig, force: Samples, pressure: float) -> Samples:
 
 
 def leaned(load: Load, rig: Rig, roll: float, pressure: float) -> tuple[float, float]:
-    """Return the travels (m) of the bolster at a ``roll`` (rad) by unequal preload, with and without friction.
+    """Return the lateral travel (m) of the bolster at a ``roll`` (rad) by unequal preload: with friction, and without
+    friction.
 
-    It results from the coupling of shear and roll.
+    The travel results from the coupling of shear and roll.
     """
     curve = load.limits.curve("roll_coupling.force", "kN")
     force = 2 * np.interp(roll, *_odd([*curve], [_middle(band) for band in curve.values()]))
@@ -52,9 +53,9 @@ def leaned(load: Load, rig: Rig, roll: float, pressure: float) -> tuple[float, f
 
 
 def shaken(load: Load, rig: Rig, times: Samples, platform: Samples, pressure: float) -> Samples:
-    """Return the travel (m) of the bolster relative to the ``platform`` (m).
+    """Return the travel (m, (n,)) of the bolster relative to the platform, which moves by ``platform`` (m, (n,)).
 
-    The model is a mass on a complex stiffness that depends on the amplitude, solved by spectra; the platform begins and
+    The model is a mass on a complex stiffness that depends on the amplitude, solved by spectra. The platform begins and
     ends at 0.
     """
     count = 2 * times.size
@@ -80,8 +81,8 @@ def shaken(load: Load, rig: Rig, times: Samples, platform: Samples, pressure: fl
 
 
 def _sheared(load: Load, force: Samples | float, pressure: float, friction: float) -> Samples:
-    """Return the shear (m) of the softest pair under a ``force`` (N), with ``friction`` (N) subtracted from its
-    curve.
+    """Return the shear (m) of the softest pair of springs under a ``force`` (N). ``friction`` (N) is subtracted from
+    its force curve.
     """
     more = _stiffer(load, pressure)
     soft = {
@@ -94,13 +95,14 @@ def _sheared(load: Load, force: Samples | float, pressure: float, friction: floa
 
 
 def _odd(x: list[float], y: list[float]) -> tuple[list[float], list[float]]:
-    """Return a rising odd curve from its positive part."""
+    """Extend a rising curve from positive to negative values as an odd function, and return its points."""
     return [*(-one for one in reversed(x)), 0.0, *x], [*(-one for one in reversed(y)), 0.0, *y]
 
 
 def _friction(load: Load) -> float:
-    """Return the friction of the pair (N) from its damping: a friction loop has the area 4 F a, a damping loop π ω c
-    a².
+    """Return the friction of the pair (N), computed from its damping.
+
+    A friction loop has the area 4 F a, a damping loop the area π ω c a².
     """
     damping = load.limits.curve("lateral_damping_by_amplitude")
     widest = max(damping)
@@ -108,7 +110,7 @@ def _friction(load: Load) -> float:
 
 
 def _stiffer(load: Load, pressure: float) -> float:
-    """Return the additional stiffness (N/m) of the pair at ``pressure``, relative to that of the load."""
+    """Return by how much (N/m) the pair is stiffer at ``pressure``, which is relative to that of the load."""
     by_pressure = _middle(load.limits.band("lateral_stiffness_by_pressure"))
     return 2 * by_pressure * (pressure - 1.0) * load.fill_pressure
 

@@ -1,4 +1,4 @@
-"""Named curves for the record, with the quantities and units of their axes."""
+"""Stores curves for the record, with the quantities and units of their axes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Response to the track under constant preload, and rolling by unequal preload."""
+"""Steps that measure the response to the track under constant preload, and the roll by unequal preload."""
 
 from __future__ import annotations
 
@@ -67,7 +67,9 @@ PISTONS: Final = tuple(f"vertical_{side}.displacement" for side in SIDES)
 
 
 def track_excitation(run: Run) -> None:
-    """Move the platform by a unilateral cosine of 5 mm, as on a track, under constant preload; measure the bolster."""
+    """Move the platform by a unilateral cosine of 5 mm, as on a track, under constant preload. Measure and check how
+    the bolster moves.
+    """
     bench = run.bench
     if not run.can(
         PASSED_ON,
@@ -99,8 +101,8 @@ def _answer(
 ) -> tuple[float, float]:
     """Return the ratio of the first harmonics of bolster and platform, and the peak of the bolster (m).
 
-    Both are for a bolster of ``mass`` (kg). The peak is the mean (half the platform's travel) plus the amplitude (half
-    the bolster's travel).
+    Both are converted to a bolster of ``mass`` (kg). The peak is the mean (half the platform's travel) plus the
+    amplitude (half the bolster's travel).
     """
     platform = values["platform.vertical"] - values["platform.vertical"][0]
     spring = 0.5 * (values["left.height"] + values["right.height"])
@@ -114,7 +116,9 @@ def _answer(
 
 
 def roll_by_unequal_preload(run: Run, load: Load) -> None:
-    """Load the two sides unequally, first the left more, then the right, with locked air."""
+    """Load the two sides unequally with locked air, first the left side more, then the right. Measure and check the
+    roll stiffness.
+    """
     bench = run.bench
     # A bolster that is held sideways rolls about another axis, and is stiffer by a quarter to a third.
     if not run.can(ROLL_STIFFNESS, PARTED, needs=(*FREE_SIDEWAYS, *ACTUATORS, *LASERS)):
@@ -143,7 +147,7 @@ def roll_by_unequal_preload(run: Run, load: Load) -> None:
 def description_contradicted(
     run: Run, one: Mapping[str, float], other: Mapping[str, float], stiffness: float
 ) -> str:
-    """Return a text on the stated dimension that contradicts the measured roll of the free bolster; "" if none.
+    """Return a text on a stated dimension that contradicts the measured roll of the free bolster; "" if there is none.
 
     Lasers and pistons measure the same roll, load cells and actuators the same moment. If only one pair disagrees, the
     position of lasers or cells is wrong. If both disagree, the position of the actuators is wrong.
@@ -172,7 +176,9 @@ def description_contradicted(
 
 
 def _roll_ratio(rig: Rig, one: Mapping[str, float], other: Mapping[str, float]) -> float:
-    """Return the roll from the lasers over that from the pistons, corrected for the deflection of the frames."""
+    """Return the ratio of the roll by the lasers to the roll by the pistons, corrected for the deflection of the
+    frames.
+    """
     more = {name: np.asarray(other[name] - one[name]) for name in one}
     left, right = (
         more[f"vertical_{side}.displacement"]
@@ -184,7 +190,7 @@ def _roll_ratio(rig: Rig, one: Mapping[str, float], other: Mapping[str, float]) 
 
 
 def _moment_ratio(rig: Rig, one: Mapping[str, float], other: Mapping[str, float]) -> float:
-    """Return the moment of the load cells over that of the vertical actuators."""
+    """Return the ratio of the moment by the load cells to the moment by the vertical actuators."""
     more = {name: np.asarray(other[name] - one[name]) for name in one}
     return float(cell_moment(more, rig) / actuator_moment(more, rig))
 
@@ -192,8 +198,10 @@ def _moment_ratio(rig: Rig, one: Mapping[str, float], other: Mapping[str, float]
 def _spacing_contradicted(
     run: Run, one: Mapping[str, float], other: Mapping[str, float], stiffness: float
 ) -> str:
-    """Return a text if the spacing of the springs differs from the stated one: K_roll = (k_l + k_r) b² for intact
-    springs. Air flow between the springs also reduces K_roll, but then their pressures hardly change.
+    """Return a text if the measured stiffness contradicts the stated spacing 2b of the springs; otherwise "".
+
+    For intact springs K_roll = (k_l + k_r) b². Air flow between the springs also reduces K_roll, but then their
+    pressures hardly change.
     """
     judged = {check.name: check for check in run.checks if check.verdict is CheckVerdict.PASS}
     names = [name.of(side=side) for name in (VERTICAL_SECANT["slow"], LOAD, PRESSURE) for side in SIDES]

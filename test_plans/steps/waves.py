@@ -1,4 +1,4 @@
-"""Sines at any frequency, and the complex stiffness per spring, corrected for the compliance of the bench."""
+"""Sines at any frequency, and the complex stiffness per spring from them, corrected for the compliance of the bench."""
 
 from __future__ import annotations
 
@@ -101,9 +101,9 @@ def shake(
     lead: float = LEAD,
     measured: float = MEASURED,
 ) -> tuple[Samples, Values]:
-    """Run a sine (m, Hz); return times and aligned samples of whole cycles, after ``lead`` s, for ``measured`` s.
+    """Run a sine (m, Hz). Return times (s) and aligned samples of whole cycles, after ``lead`` s, for ``measured`` s.
 
-    A rig with amplitude control repeats it until the motion of springs or bolster has the ``amplitude``.
+    A rig with amplitude control repeats the sine until the motion of springs or bolster has the ``amplitude``.
     """
     moving = HEIGHTS if axis == "vertical" else ("lateral.displacement",)
 
@@ -157,8 +157,8 @@ def stiffness_of_side(times: Samples, rig: Rig, values: Values, frequency: float
 
 
 def lateral_stiffness(times: Samples, rig: Rig, values: Values, frequency: float) -> Stiffness:
-    """Return the complex lateral stiffness per spring (half of the pair's), corrected for frame and bolster
-    compliance.
+    """Return the complex lateral stiffness per spring (half of that of the pair), corrected for the compliance of frame
+    and bolster.
     """
 
     def of(name: str) -> complex:
@@ -179,7 +179,7 @@ def lateral_stiffness(times: Samples, rig: Rig, values: Values, frequency: float
 
 
 class Known(NamedTuple):
-    """Results of a sine for one stiffness, each with its uncertainty."""
+    """Results of a sine: magnitude, storage and damping of a stiffness, each with its uncertainty."""
 
     size: Measured
     storage: Measured
@@ -193,7 +193,9 @@ def know(
     frequency: float,
     stiffness: Callable[[Samples, Rig, Values, float], Stiffness],
 ) -> Known:
-    """Return the values of a ``stiffness`` from the samples of a sine, for its curves."""
+    """Return magnitude, K' and c of a stiffness with their uncertainties. ``stiffness`` computes it from the samples of
+    a sine.
+    """
 
     def evaluate(rig: Rig, read: Values) -> tuple[float, float, float]:
         K = stiffness(times, rig, read, frequency)
@@ -208,9 +210,10 @@ def measure_sines(
     stiffness: Callable[[Samples, Rig, Values, float], Stiffness],
     evaluate: Callable[[list[Stiffness]], float],
 ) -> Measured:
-    """Return the result of ``evaluate`` on the ``stiffness`` of several sines, with its uncertainty.
+    """Return the result of ``evaluate``, with its uncertainty. It receives the ``stiffness`` computed from each of
+    several sines.
 
-    An instrument has the same error in all sines, which cancels in a ratio.
+    An instrument has the same error in all sines; this error cancels in a ratio.
     """
 
     def computed(rig: Rig, *read: Values) -> float:

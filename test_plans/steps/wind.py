@@ -20,7 +20,7 @@ AIR_DENSITY: Final = 1.225  # kg/m³, ISO 2533
 
 @dataclass(frozen=True, slots=True)
 class Car:
-    """A car in the wind; every value is assumed."""
+    """A car in the wind. All values are assumed."""
 
     side_area: float = 20.0 * 3.0  #: m²
     side_coefficient: float = 1.0  #: at the stall angle and above
@@ -54,9 +54,10 @@ def side_force(wind: Samples | float, train_speed: float, car: Car = CAR) -> Sam
 
 
 def gust(peak: float, train_speed: float, times: Samples, middle: float, car: Car = CAR) -> Samples:
-    """Return the wind (m/s) of a gust at equally spaced ``times`` (s), whose local ``peak`` is at ``middle`` (s).
+    """Return the wind (m/s) of a gust at equally spaced ``times`` (s). It has its ``peak`` (m/s) at the time ``middle``
+    (s).
 
-    U (1 + 0.6946 e^{−|x|/L}), x = V_t (t − t_m), averaged over the length of the car.
+    The wind is U (1 + 0.6946 e^{−|x|/L}) with x = V_t (t − t_m), averaged over the length of the car.
     """
     mean = peak / GUST_FACTOR
     edges = train_speed * (times - middle)[:, None] + np.array([-0.5, 0.5]) * car.length
@@ -79,13 +80,15 @@ def spectrum(f: Samples, mean: float, train_speed: float) -> Samples:
 
 
 def admittance(f: Samples, mean: float, train_speed: float, car: Car = CAR) -> Samples:
-    """Return the share of the spectrum that remains in the mean over the car: 1/(1 + (2 f B/V_r)^1.2)."""
+    """Return the share of the spectrum that remains after averaging over the length of the car: 1/(1 + (2 f
+    B/V_r)^1.2).
+    """
     return np.asarray(1.0 / (1.0 + (2.0 * f * car.length / np.hypot(train_speed, mean)) ** 1.2))
 
 
 def random_process(times: Samples, density: Samples, generator: np.random.Generator) -> Samples:
-    """Return a stationary Gaussian process (n,) at equally spaced ``times``, from its one-sided ``density`` at 0 to
-    n/2T.
+    """Return a stationary Gaussian process (n,) at equally spaced ``times``. ``density`` is its one-sided spectrum,
+    from frequency 0 to n/2T.
     """
     n, step = times.size, times[1] - times[0]
     parts = generator.standard_normal((2, density.size))
@@ -101,7 +104,7 @@ def fade(times: Samples, rise: float = RISE) -> Samples:
 
 
 def on_the_bolster(force: Samples, rig: Mapping[str, float], car: Car = CAR) -> dict[str, Samples]:
-    """Return the part of each actuator in a wind ``force`` (N) on the bogie, by reading.
+    """Return the set-points of the actuators for a wind ``force`` (N) on the bogie, by reading.
 
     The lateral actuator acts below the wind; the vertical actuators supply the missing moment with opposite forces.
     """

@@ -1,1 +1,1 @@
-"""The files that are generated from the tables: DBC, EDS, register map and reference pages."""
+"""Writes the files that are generated from the tables: DBC, EDS, register map and reference pages."""

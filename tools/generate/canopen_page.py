@@ -106,7 +106,7 @@ def _print_plan(out: TextIO) -> None:
 
 
 def _blocks() -> list[list[Message]]:
-    """Return the PDOs in blocks with successive identifiers."""
+    """Return the PDOs in groups. The identifiers in a group are successive."""
     blocks: list[list[Message]] = []
     for message in sorted(filter(canopen.is_pdo, TABLE.messages), key=lambda one: one.identifier):
         if not blocks or message.identifier != blocks[-1][-1].identifier + 1:
@@ -135,7 +135,9 @@ def _print_objects(out: TextIO, objects: list[DictionaryObject]) -> None:
 
 
 def _number(entry: Entry) -> str:
-    """Return a default value; values with 32 bits, identifiers or bit fields, are hexadecimal."""
+    """Return the default value of an entry as text. Values with 32 bits are identifiers or bit fields; they are
+    hexadecimal.
+    """
     return (
         f"{entry.default:X}h" if entry.default and entry.type is DataType.UNSIGNED32 else str(entry.default)
     )

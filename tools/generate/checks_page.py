@@ -1,4 +1,4 @@
-"""The reference page of what the readers check in measured data, from the tables that the code uses."""
+"""The reference page of the checks of measured data by the readers, from the tables that the code uses."""
 
 from __future__ import annotations
 

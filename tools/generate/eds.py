@@ -109,7 +109,7 @@ def _object(one: DictionaryObject) -> Iterator[str]:
 
 
 def _entry(entry: Entry) -> Iterator[tuple[str, object]]:
-    """Yield the lines of an entry that CiA 306 requires, and those that Python's canopen reads in addition."""
+    """Yield the keys and values of an entry that CiA 306 requires, and those that Python's canopen also reads."""
     yield "ParameterName", entry.name
     yield "ObjectType", f"0x{ObjectCode.VAR:X}"
     yield "DataType", f"0x{entry.type:04X}"

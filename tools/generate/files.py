@@ -1,4 +1,4 @@
-"""Every generated file with its content, written or checked."""
+"""Writes every generated file, or checks that its content is up to date."""
 
 import csv
 import inspect
@@ -89,7 +89,9 @@ def modbus_csv() -> str:
 
 
 def kept_places() -> dict[str, str]:
-    """Return the assignments of the wires at the last generation, by place."""
+    """Return the places (identifiers, bits, addresses) that were assigned at the last generation, with their
+    contents.
+    """
     if not KEPT_MAP.exists():
         return {}
     with KEPT_MAP.open(encoding="utf-8", newline="") as file:
@@ -97,7 +99,9 @@ def kept_places() -> dict[str, str]:
 
 
 def kept_map_csv() -> str:
-    """Return the kept map with the additions of the table; an assigned place never changes."""
+    """Return the file of assigned places as CSV, with new places of the table added. An assigned place never
+    changes.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["place", "content"])
@@ -173,7 +177,9 @@ def _print_signals(out: TextIO) -> None:
 
 
 def _group_similar(rows: Iterable[Signal]) -> list[list[Signal]]:
-    """Return ``rows`` in groups with the same range, resolution and description without numbers."""
+    """Return ``rows`` in groups. Rows of a group have the same range and resolution, and descriptions that differ only
+    in a number.
+    """
     groups: dict[tuple[object, ...], list[Signal]] = {}
     for row in rows:
         key = (row.range_text(), row.choices, row.show(row.step), _numberless(row.description))
@@ -182,12 +188,12 @@ def _group_similar(rows: Iterable[Signal]) -> list[list[Signal]]:
 
 
 def _numberless(description: str) -> str:
-    """Return a description without the number of a load cell or of a point of a curve."""
+    """Return a description without the number of a load cell or of a curve point."""
     return re.sub(r"^Load cell \d: |, point \d$", "", description)
 
 
 def _shortened(texts: list[str], between: str) -> str:
-    """Return the texts with commas, or only the first and the last of more than six."""
+    """Return up to six texts joined by commas; of more texts only the first and the last, joined by ``between``."""
     return ", ".join(texts) if len(texts) <= 6 else f"{texts[0]}{between}{texts[-1]}"
 
 
@@ -232,7 +238,7 @@ def _print_modbus_map(out: TextIO) -> None:
 
 
 def _modbus_places() -> dict[str, tuple[str, str]]:
-    """Return the space and the address of each signal on Modbus: of a reading those of its 32-bit value."""
+    """Return by signal its space and address on Modbus. For a reading this is the address of its 32-bit value."""
     places: dict[str, tuple[str, str]] = {}
     for register in TABLE.registers:
         if register.space == "holding" or register.encoding != "int16":
@@ -315,7 +321,7 @@ def parameters_page() -> str:
 
 
 def _print_sensors(out: TextIO) -> None:
-    """Print one row of properties for each group of sensors, without those that all groups share."""
+    """Print a table with one row for each group of sensors, without the properties that are the same for all groups."""
     print("## Sensors\n", file=out)
     print(
         "A section `[sensor.GROUP]` of a parameter file sets these properties. `gain` (a relative error), `bias` and\n"
@@ -339,7 +345,7 @@ def _print_sensors(out: TextIO) -> None:
 
 
 def _with_provenance(row: dict[str, Any]) -> str:
-    """Return the source of a value as text, such as "measured: gauge"; without "assumed:" for assumed values."""
+    """Return the source of a value as text, such as "measured: gauge". The word "assumed" is not printed."""
     source = str(row["source"])
     return source if row["provenance"] == "assumed" else f"{row['provenance']}: {source}"
 
@@ -415,7 +421,7 @@ def _parameter_tables(file: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any
 
 
 def _sensor_rows(group: Group) -> dict[str, dict[str, Any]]:
-    """Return the properties of a group of sensors as a section of a parameter file would have them."""
+    """Return the properties of a group of sensors, in the form of a section of a parameter file."""
     return {
         name: {
             "value": float(one.value) / one.scale,
@@ -473,12 +479,12 @@ def commands_page() -> str:
 
 
 def _without_commands(command: click.Command) -> AbstractContextManager[object]:
-    """Return a context in which the help of a group omits its commands: the page describes them below it."""
+    """Return a context in which the help of a group does not list its commands. The page describes these after it."""
     return patch.object(command, "format_commands", lambda *_: None, create=True)
 
 
 def _option_records(title: str, command: click.Command) -> dict[tuple[str, str], click.Option]:
-    """Return the options of ``command`` by name and help, as its help prints them."""
+    """Return the options of ``command``. The keys are the two texts of their help: names and description."""
     context = click.Context(command, info_name=title, terminal_width=100)
     options = [one for one in command.params if isinstance(one, click.Option)]
     records = {one.get_help_record(context): one for one in options}
@@ -486,12 +492,12 @@ def _option_records(title: str, command: click.Command) -> dict[tuple[str, str],
 
 
 def _first_word(record: tuple[str, str]) -> str:
-    """Return the name of an option."""
+    """Return the first name of an option from its help."""
     return record[0].split()[0].rstrip(",")
 
 
 def _with_all_below(title: str, command: click.Command) -> Iterator[tuple[str, click.Command]]:
-    """Yield ``command`` and, of a group, its own commands, each with its path."""
+    """Yield ``command`` with its path. If it is a group, also yield all commands in it, each with its path."""
     yield title, command
     if isinstance(command, click.Group):
         context = click.Context(command)
@@ -513,7 +519,7 @@ def command_summaries() -> str:
 
 
 def hidden_effect_page() -> str:
-    """Return the tutorial of the hidden effect with as many candidates as the catalogue has now."""
+    """Return the tutorial of the hidden effect with the present number of candidates in the catalogue."""
     count = sum(len(effect.places) or 1 for effect in CATALOGUE.values() if effect.diagnosable)
     return re.sub(r"\d+(?= candidates)", str(count), HIDDEN_EFFECT_PAGE.read_text(encoding="utf-8"))
 
@@ -543,7 +549,9 @@ def files() -> dict[Path, str]:
 
 
 def main(arguments: list[str]) -> int:
-    """Write or check; return the exit code. Nothing is written if the table changes an assigned address."""
+    """Write or check the files, and return the exit code. Nothing is written if the table changes an assigned
+    address.
+    """
     if wrong := moved(kept_places(), TABLE):
         print(
             f"The table moves what other programs rely on:\n  {f'{chr(10)}  '.join(wrong)}", file=sys.stderr

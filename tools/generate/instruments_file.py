@@ -1,4 +1,4 @@
-"""The file of instruments of the virtual bench, completed from the rows of the groups of sensors."""
+"""The instruments file of the virtual bench. Missing entries are added from the table of sensor groups."""
 
 import tomllib
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ _LIST: Final = "# Which piece gives which reading"
 
 
 def instruments_file() -> str:
-    """Return the file with the missing tables of instruments and lines of measurements added; existing lines stay."""
+    """Return the text of the file, with missing instruments and signals added. Existing lines are not changed."""
     text = INSTRUMENTS_FILE.read_text(encoding="utf-8")
     known = tomllib.loads(text)
     tables = [_table(row) for row in _rows_without_table(known)]
@@ -28,7 +28,7 @@ def instruments_file() -> str:
 
 
 def lacking_instruments() -> list[str]:
-    """Return the missing entries of the file, each with its group of sensors."""
+    """Return a message for each missing entry of the file, with its group of sensors."""
     known = tomllib.loads(INSTRUMENTS_FILE.read_text(encoding="utf-8"))
     lacks = [(f"instrument.{row.instrument}", row) for row in _rows_without_table(known)]
     lacks += [
@@ -54,7 +54,7 @@ def _row(signal: Signal) -> SensorRow:
 
 
 def _table(row: SensorRow) -> str:
-    """Return the table of an instrument."""
+    """Return the TOML table of an instrument."""
     of_plans = "a tenth of the lag that the plans take out"
     entries = {
         "offset": (row.accuracy, row.unit, "assumed", row.source),
@@ -72,7 +72,7 @@ def _table(row: SensorRow) -> str:
 
 
 def _line(signal: Signal) -> str:
-    """Return the line of a measurement."""
+    """Return the TOML line of a measured signal."""
     return (
         f'"{signal.name}" = {{ instrument = "{_row(signal).instrument}", serial_number = "virtual", '
         'certificate = "the virtual bench", due = 9999-12-31 }\n'

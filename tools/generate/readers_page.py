@@ -25,9 +25,10 @@ This page lists which files `astb import` and maps accept or refuse. Each form h
 
 
 class Form(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One variant of a file: ``name`` is the name of its test; ``form`` and ``says`` are texts for the page.
+    """One variant of a file that a reader accepts, refuses or skips. ``name`` is that of its test; ``form`` and
+    ``says`` are texts for the page.
 
-    Without ``form``, the text of another variant includes this one.
+    A variant without ``form`` is described by the text of another one.
     """
 
     reader: str
@@ -42,7 +43,7 @@ class Form(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The forms of some readers: one file of ``tools/generate/readers``."""
+    """One file of ``tools/generate/readers``: the variants of files for some readers."""
 
     title: str
     forms: list[Form]
@@ -50,7 +51,7 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def table(name: str) -> Table:
-    """Return the table in a file of ``tools/generate/readers``, for the test of its rows."""
+    """Read one file of ``tools/generate/readers``. The tests of its rows use it, too."""
     return msgspec.convert(tomllib.loads((_TABLES / f"{name}.toml").read_text(encoding="utf-8")), Table)
 
 

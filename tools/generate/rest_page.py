@@ -51,7 +51,7 @@ applies settings.
 
 
 def rest_page(decision: str) -> str:
-    """Return the page; ``decision``: the file that states why."""
+    """Return the page. ``decision`` is the name of the file with the reasons."""
     ends: dict[tuple[Event, str], bool] = {}
     for row in TRANSITIONS:
         if row.target in (*SAFE, *SHUT_IN) and row.event not in WAKING:

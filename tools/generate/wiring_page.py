@@ -160,7 +160,7 @@ def wiring_page() -> str:
 
 
 def _documented_keys(keys: type[msgspec.Struct]) -> Iterator[tuple[str, str, str]]:
-    """Yield key, default and comment of each field; ValueError for a field without a comment."""
+    """Yield key, default and comment of each field. Raises ValueError for a field without a comment."""
     lines = inspect.getsource(keys).splitlines()
     tree = ast.parse("\n".join(lines)).body[0]
     assert isinstance(tree, ast.ClassDef)

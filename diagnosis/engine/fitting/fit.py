@@ -61,7 +61,7 @@ class ColumnSource(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedModel:
-    """A fitted model. ``predictions`` (n, c) are those of the replayed runs, in their own units."""
+    """A fitted model. ``predictions`` (n, c) are the outputs of each run, in SI."""
 
     replay: Replay
     noise: Noise
@@ -100,8 +100,8 @@ class FittedModel:
         return self.noise.dispersion * self.linearisation.covariance()
 
     def deviation(self, coordinate: Coordinate) -> float:
-        """Return the standard deviation of a parameter in its own unit; of its logarithm for a logarithmic
-        parameter.
+        """Return the standard deviation of a parameter in its own unit. For a logarithmic parameter it is that of its
+        logarithm.
         """
         place = self.point.place(coordinate)
         return float(math.sqrt(max(self.covariance()[place, place], 0.0))) * coordinate.scale
@@ -119,12 +119,13 @@ def fit(
     ceiling: float = math.inf,
     steps: int = FIT_STEPS,
 ) -> FittedModel:
-    """Fit every number of a model to the runs of a replay, from ``start``; ``prior`` replaces that of the parameters.
+    """Fit every free number of a model to the runs of a replay, from ``start``. ``prior`` replaces the prior of the
+    parameters.
 
-    ``known`` may hold columns of the nuisances, under any noise. ``refresh`` computes all columns again at the end. A
-    fit that stays far above ``target``, the penalised χ² of another model, ends early. One whose prediction stays above
-    ``ceiling`` ends when new columns of the effects do not help. ``steps`` is the largest number of steps. Raises
-    ``DiagnosisError`` if the model fails at the start.
+    ``known`` may hold columns of the nuisances, computed under any noise. ``refresh`` computes all columns again at the
+    end. A fit that stays far above ``target``, the penalised χ² of another model, ends early. A fit whose predicted χ²
+    stays above ``ceiling`` ends when new columns of the effects do not help. ``steps`` is the largest number of steps.
+    Raises ``DiagnosisError`` if the outputs at the start are not finite.
     """
     whiten = filters(noise, replay.runs)
     predictions = replay.predictions(start)
@@ -175,7 +176,8 @@ class _Descent:
     trusted: bool = False  #: the last step was good, though damped
 
     def attempt(self, trial: Point, decrease: float, hopeless: bool) -> bool:
-        """Simulate a step, and take it or prepare a better one; return False if no better one is worth its cost.
+        """Simulate a step. Take the step if it is good enough, otherwise prepare a better one. Return False if a better
+        one is not worth its cost.
 
         ``decrease`` is the predicted decrease of the penalised χ². If the fit is ``hopeless``, only columns of the
         effects are computed again.
@@ -202,7 +204,8 @@ class _Descent:
         return True
 
     def renewed(self) -> bool:
-        """Compute all columns again if shorter steps failed with old ones of the nuisances; return whether it was done.
+        """Compute all columns again if shorter steps failed with old columns of the nuisances. Return whether this was
+        done.
 
         It is done only if the linear model predicts a χ² below the target.
         """
@@ -243,7 +246,9 @@ class _Descent:
 def _follow(
     old: Linearisation, trial: Point, whiten: Sequence[Filter], replay: Replay, predictions: Sequence[Array]
 ) -> Linearisation:
-    """Return the linearisation at a new point; its effect columns are corrected to the last change (Broyden)."""
+    """Return the linearisation at a new point. Broyden's rule corrects the columns of the effects by the change of the
+    last step.
+    """
     moved = trial.numbers - old.point.numbers
     blocks = []
     for block, filter_, residual in zip(old.blocks, whiten, replay.residuals(predictions), strict=True):
@@ -259,7 +264,7 @@ def _follow(
 
 
 def _check(replay: Replay, predictions: Sequence[Array], point: Point) -> None:
-    """Raise DiagnosisError if a model has no finite output at its start."""
+    """Raise DiagnosisError if an output of a model at its start is not finite."""
     for run, predicted in zip(replay.runs, predictions, strict=True):
         if not np.isfinite(predicted[run.counted]).all():
             raise DiagnosisError(

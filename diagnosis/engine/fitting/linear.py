@@ -26,7 +26,7 @@ Part = tuple[tuple[int, ...], Columns]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Raw:
-    """Columns before whitening, for use with other filters."""
+    """Columns before whitening, and the filter that they passed later. Other filters can be applied to them."""
 
     columns: Columns
     passed: Filter
@@ -34,10 +34,10 @@ class Raw:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """One run, whitened: residual (N,) and sensitivities of the samples that count.
+    """One run after whitening: residual (N,) and sensitivities of the samples that count.
 
-    The first of the ``parts`` are columns that many models share; ``raw`` holds them before whitening if other models
-    may copy them. The second are the model's own columns.
+    The first of the ``parts`` holds columns that many models share. ``raw`` holds these columns before whitening if
+    other models may copy them. The second part holds the model's own columns.
     """
 
     run: str
@@ -48,7 +48,7 @@ class Block:
 
     @property
     def places(self) -> list[int]:
-        """The coordinates of all columns, in their order."""
+        """The index of the coordinate of each column."""
         return [place for places, _ in self.parts for place in places]
 
     @property
@@ -59,7 +59,7 @@ class Block:
         return np.block([[shared.gram, mixed], [mixed.T, own.gram]])
 
     def multiplied(self) -> Block:
-        """Compute the inner products of the columns, which cache them, and return the block."""
+        """Compute the inner products of the columns, so that they are cached, and return the block."""
         _ = self.gram
         return self
 
@@ -80,8 +80,9 @@ class Block:
 class Projection:
     """Extra columns after projection: the part that the linearisation can explain is subtracted.
 
-    ``information`` (m, m) are their inner products, ``score`` (m,) those with the residual, ``gram`` (m, m) their inner
-    products before the projection, ``regression`` (k, m) the coefficients with which the coordinates imitate them best.
+    ``information`` (m, m) are the inner products of the projected columns, ``score`` (m,) those with the residual.
+    ``gram`` (m, m) are the inner products before the projection. ``regression`` (k, m) are the coefficients with which
+    the coordinates imitate the columns best.
     """
 
     information: Array
@@ -90,8 +91,8 @@ class Projection:
     regression: Array
 
     def along(self, directions: Array) -> Projection:
-        """Return the projection of sums of the columns; each row of ``directions`` (v, m) holds the coefficients of one
-        sum.
+        """Return the projection of v weighted sums of the columns. Each row of ``directions`` (v, m) holds the weights
+        of one sum.
         """
         return Projection(
             directions @ self.information @ directions.T,
@@ -111,20 +112,22 @@ class Projection:
 
     @property
     def raw(self) -> Array:
-        """Norms (m,) before the projection."""
+        """Norms (m,) of the columns before the projection."""
         return np.sqrt(np.diagonal(self.gram))
 
     @property
     def norm(self) -> Array:
-        """Norms |s| (m,); 0 if the rest of a column is not above its error."""
+        """Norms (m,) of the projected columns; 0 if the rest of a column is not above its numerical error
+        ("invisible").
+        """
         square = np.diagonal(self.information)
         return np.sqrt(np.where(square > VISIBLE_PART * np.diagonal(self.gram), square, 0.0))
 
     @property
     def estimate(self) -> Array:
-        """Least-squares amplitudes (m,) of all columns together; 0 for an invisible one.
+        """Least-squares amplitudes (m,) of all columns together; 0 for an invisible column.
 
-        Many columns are similar. A ridge of the size of their errors keeps sums below these errors at 0.
+        Many columns are similar. A ridge of the size of their errors keeps combinations below these errors at 0.
         """
         seen = self.norm > 0.0
         ridge = VISIBLE_PART * np.diagonal(self.gram)[seen]
@@ -140,7 +143,7 @@ class Projection:
 
     @property
     def cosines(self) -> Array:
-        """Cosines (m, m) between the projected columns; 0 with an invisible one."""
+        """Cosines (m, m) between the projected columns; 0 if one of the two is invisible."""
         norm = self.norm
         product = np.outer(norm, norm)
         return np.divide(self.information, product, out=np.eye(len(norm)), where=product > 0.0)
@@ -219,7 +222,7 @@ class Linearisation:
         return inverse(self.information)
 
     def project(self, extra: Iterable[Columns], workers: int = 1) -> Projection:
-        """Subtract from whitened columns of each run the part that the coordinates can imitate, with ``workers``
+        """Return whitened columns of each run minus the part that the coordinates can imitate. Use ``workers``
         threads.
         """
 
@@ -241,7 +244,9 @@ class Linearisation:
 
 
 def solve(gram: Array, right: Array) -> Array:
-    """Solve a symmetric, perhaps singular system by eigenvalues of the equilibrated matrix; null directions stay 0."""
+    """Solve a symmetric system that may be singular, by eigenvalues of the scaled matrix. The solution has no part in
+    null directions.
+    """
     scale, values, vectors = _spectrum(gram)
     keep = values > EIGENVALUE_FLOOR * values.max(initial=0.0)
     basis = vectors[:, keep] / np.sqrt(values[keep])

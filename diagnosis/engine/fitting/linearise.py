@@ -75,7 +75,9 @@ def from_quotients(
 
 
 def _split_places(point: Point, record: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the places of the coordinates of a record's runs: of the nuisances, and of the effects."""
+    """Return the indices of the coordinates that the runs of a record depend on: of the nuisances, and of the
+    effects.
+    """
     places = point.places_of(record)
     owned = [bool(point.coordinates[i].owner) for i in places]
     return (
@@ -87,7 +89,7 @@ def _split_places(point: Point, record: str) -> tuple[tuple[int, ...], tuple[int
 def _shared(
     known: Linearisation | None, run: str, nuisances: Sequence[Coordinate]
 ) -> tuple[Raw, Columns] | None:
-    """Return the columns of a run's nuisances, raw and whitened, if they are known."""
+    """Return the columns of a run's nuisances, raw and whitened, from ``known``; None if it does not have them."""
     for block in known.blocks if known else ():
         places, columns = block.parts[0]
         mine = known and block.run == run and [known.point.coordinates[i] for i in places] == nuisances

@@ -14,10 +14,11 @@ from diagnosis.estimates import in_words
 
 @dataclass(frozen=True, slots=True)
 class Coordinate:
-    """One free number: a nuisance, or a parameter of an effect or a surface (``owner``); of one ``record`` if set.
+    """One free number: a nuisance, or a parameter of an effect or a surface (``owner``). If ``record`` is set, it is
+    for this record only.
 
-    The engine counts it from its nominal value in units of its prior spread, so that all numbers have a similar size.
-    ``penalised``: the prior counts as an observation. ``held``: it is fixed and has no columns.
+    The engine counts the number from its nominal value in units of its prior spread, so that all numbers have a similar
+    size. ``penalised``: the prior counts as an observation. ``held``: the number is fixed and has no columns.
     """
 
     parameter: Parameter
@@ -33,7 +34,7 @@ class Coordinate:
         return f"{name} [{self.record}]" if self.record else name
 
     def in_words(self, catalogue: Mapping[str, Hypothesis]) -> str:
-        """Return its name for people, with the title of its effect from the catalogue."""
+        """Return the name of the coordinate for people, with the title of its effect from the catalogue."""
         effect = catalogue.get(self.owner)
         name = in_words(self.parameter.name, f'"{effect.title}"' if effect else self.owner)
         return f"{name} in {self.record}" if self.record else name
@@ -75,14 +76,14 @@ class Coordinate:
         return self.to_number(self.parameter.low), self.to_number(self.parameter.high)
 
     def to_number(self, value: float) -> float:
-        """Return a value in engine units."""
+        """Convert a value in the parameter's own unit to engine units."""
         nominal = self.parameter.nominal
         if not self.parameter.logarithmic:
             return (value - nominal) / self.scale
         return math.log(value / nominal) / self.scale if value > 0.0 else -math.inf
 
     def to_value(self, number: float) -> float:
-        """Return the value of a number in engine units."""
+        """Convert a number in engine units to the parameter's own unit."""
         nominal = self.parameter.nominal
         if not self.parameter.logarithmic:
             return nominal + number * self.scale
@@ -106,12 +107,12 @@ class Point:
         return np.array([c.to_value(u) for c, u in zip(self.coordinates, self.numbers, strict=True)])
 
     def parameters(self, record: str) -> dict[str, float]:
-        """Return the values of all nuisances of one record."""
+        """Return the value of each nuisance of one record, by name, in its own unit."""
         pairs = zip(self.coordinates, self.numbers, strict=True)
         return {c.parameter.name: c.to_value(u) for c, u in pairs if not c.owner and c.record in {"", record}}
 
     def effects(self) -> dict[str, dict[str, float]]:
-        """Return the values of every effect and surface, by name and parameter."""
+        """Return the values of every effect and surface, by the name of the effect and of the parameter."""
         effects: dict[str, dict[str, float]] = {}
         for coordinate, number in zip(self.coordinates, self.numbers, strict=True):
             if coordinate.owner:
@@ -121,7 +122,7 @@ class Point:
         return effects
 
     def places_of(self, record: str) -> list[int]:
-        """Return the places of the free coordinates that the runs of one record depend on."""
+        """Return the indices of the free coordinates that the runs of one record depend on."""
         return [i for i, c in enumerate(self.coordinates) if c.record in {"", record} and not c.held]
 
     def place(self, coordinate: Coordinate) -> int:
@@ -133,7 +134,7 @@ class Point:
         return next(i for i, c in enumerate(self.coordinates) if c.owner == effect)
 
     def at(self, numbers: Array) -> Point:
-        """Return the point with other numbers, limited to their ranges."""
+        """Return the point with other numbers (k,) in engine units, limited to their ranges."""
         low, high = np.array([c.range for c in self.coordinates]).reshape(-1, 2).T
         return replace(self, numbers=np.clip(numbers, low, high))
 
@@ -155,7 +156,9 @@ class Point:
         return self.extended(fresh, [c.parameter.nominal for c in fresh])
 
     def replaced(self, old: str, effect: Hypothesis, source: Point) -> Point:
-        """Return the point with ``effect`` in place of ``old``, with its values in ``source``."""
+        """Return the point with ``effect`` in place of the effect ``old``. The new effect has the values of
+        ``source``.
+        """
         values = source.effects()[effect.name]
         coordinates = effect_coordinates(effect)
         return self.without(old).extended(coordinates, [values[c.parameter.name] for c in coordinates])
@@ -178,7 +181,9 @@ def base_point(nuisances: Iterable[Nuisance], records: Iterable[str]) -> Point:
 
 
 def effect_coordinates(effect: Hypothesis) -> tuple[Coordinate, ...]:
-    """Return amplitude and shapes of an effect; the amplitude has no prior, so that only the data determine it."""
+    """Return the coordinates of amplitude and shapes of an effect. The amplitude has no prior, so that only the data
+    determine it.
+    """
     return (
         Coordinate(effect.amplitude, effect.name, penalised=False),
         *(Coordinate(shape, effect.name) for shape in effect.shapes),
@@ -186,12 +191,12 @@ def effect_coordinates(effect: Hypothesis) -> tuple[Coordinate, ...]:
 
 
 def surface_coordinates(surface: Surface) -> tuple[Coordinate, ...]:
-    """Return the coefficients of a surface; their priors are the ridge."""
+    """Return the coordinates of the coefficients of a surface. Their priors limit their size (ridge regression)."""
     return tuple(Coordinate(coefficient, surface.name) for coefficient in surface.coefficients)
 
 
 def neighbour(point: Point, place: int) -> tuple[Point, float]:
-    """Return the point at one difference step along a coordinate, inside its range, and the signed distance."""
+    """Return the point one difference step away along a coordinate, inside its range, and the signed distance."""
     coordinate, number = point.coordinates[place], float(point.numbers[place])
     low, high = coordinate.range
     distance = coordinate.difference
@@ -203,8 +208,8 @@ def neighbour(point: Point, place: int) -> tuple[Point, float]:
 
 
 def opposite(point: Point, to: Point, distance: float) -> tuple[Point, float]:
-    """Return the neighbour on the other side and its signed distance; the same neighbour if the range ends before
-    it.
+    """Return the neighbour on the other side and its signed distance; the same neighbour ``to`` if the other one is out
+    of range.
     """
     numbers = 2.0 * point.numbers - to.numbers
     low, high = np.array([c.range for c in point.coordinates]).reshape(-1, 2).T
@@ -214,5 +219,5 @@ def opposite(point: Point, to: Point, distance: float) -> tuple[Point, float]:
 
 
 def halved(point: Point, to: Point, distance: float) -> tuple[Point, float]:
-    """Return the point half-way to a neighbour, and its signed distance."""
+    """Return the point half-way to the neighbour ``to``, and its signed distance."""
     return replace(point, numbers=0.5 * (point.numbers + to.numbers)), 0.5 * distance

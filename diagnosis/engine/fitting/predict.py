@@ -47,7 +47,7 @@ def predict(
     *,
     fixed: bool = False,
 ) -> Prediction:
-    """Predict other runs with a fitted model, with all its uncertainty, or with its numbers ``fixed``.
+    """Predict other runs with a fitted model, with all its uncertainty, or with its shared numbers ``fixed``.
 
     The posterior of the shared numbers is their prior. The numbers of each new record are fitted and marginalised by
     Laplace's approximation. ``known`` may hold columns of the nuisances for these runs.
@@ -61,14 +61,15 @@ def predict(
 
 
 def of_fit(fitted: FittedModel) -> Prediction:
-    """Return the prediction of a fitted model for the runs that it was fitted to."""
+    """Return a prediction of the fit runs themselves: the outputs of the fitted model. The lpd is NaN."""
     return Prediction(fitted.replay, np.nan, fitted.predictions, fitted.linearisation)
 
 
 def transferred(fitted: FittedModel, replay: Replay, fixed: bool) -> tuple[Point, Prior]:
-    """Return the fitted point with the new records' own nuisances, and the prior of all its numbers.
+    """Return the fitted point with the nuisances of new records added, and the prior of all its numbers.
 
-    Shared numbers are held if they are ``fixed``; these include numbers of a record with fitted parts.
+    ``fixed`` keeps the shared numbers at their fitted values. Numbers of a record count as shared if parts of this
+    record were fitted.
     """
     old = fitted.point
     there = {"", *replay.records}

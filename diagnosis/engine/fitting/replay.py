@@ -23,8 +23,8 @@ Out = TypeVar("Out")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Base:
-    """The ``point`` of a difference: ``predictions`` (n, c) of each run, and its approximate outputs, if any
-    (``rough``).
+    """The ``point`` from which differences are computed. ``predictions`` (n, c) are the outputs of each run; ``rough``
+    are its approximate outputs, or None.
     """
 
     point: Point
@@ -63,11 +63,11 @@ class Replay:
         return tuple(run.experiment.record for run in self.runs)
 
     def of(self, runs: Iterable[MeasuredRun]) -> Replay:
-        """Return the same simulator on other runs."""
+        """Return a replay of other runs with the same simulator."""
         return Replay(self.simulator, tuple(runs), self.workers)
 
     def predictions(self, point: Point) -> list[Array]:
-        """Simulate every run at a point."""
+        """Simulate every run at a point, and return the outputs (n, c) of each run."""
         found: dict[int, Array] = {}
         self._simulate([(r, point) for r in range(len(self.runs))], found.__setitem__, self._outputs)
         return [found[r] for r in range(len(self.runs))]
@@ -87,11 +87,11 @@ class Replay:
         *,
         central: bool = False,
     ) -> list[Columns]:
-        """Return ∂y/∂u of each run to its coordinates at ``places``, or to all that it depends on.
+        """Return ∂y/∂u of each run for its coordinates at ``places``, or for all coordinates that it depends on.
 
-        Differences for the numbers of effects are one-sided. ``central`` ones take twice as long and have no error of
-        first order. Differences for the nuisances are always central and checked for jumps, because every result on an
-        effect is a remainder after projection on them (`diagnosis.engine.fitting.steady`).
+        Differences for the numbers of effects are one-sided. With ``central`` they are central: this takes twice as
+        long and has no error of first order. Differences for the nuisances are always central and checked for jumps,
+        because every result on an effect is a remainder after projection on them (`diagnosis.engine.fitting.steady`).
         """
         wanted = [point.places_of(record) for record in self.records] if places is None else places
         kept = [[not point.coordinates[i].owner for i in own] for own in wanted]
@@ -118,8 +118,8 @@ class Replay:
         return [mean(mine, again) for mine, again in zip(twice, spoilt, strict=True)]
 
     def base(self, point: Point, predictions: Sequence[Array], counts: Sequence[int]) -> Base:
-        """Return the base of differences. Runs with many differences (``counts``) also get an approximate
-        simulation.
+        """Return the base of differences. Runs for which many differences are needed (``counts``) are also simulated
+        approximately.
         """
         rough: list[Array | None] = [None] * len(self.runs)
         worth = [(r, point) for r, count in enumerate(counts) if count >= LEAST_ROUGH]
@@ -131,7 +131,8 @@ class Replay:
         return Base(point, predictions, rough)
 
     def differences(self, base: Base, steps: Sequence[Sequence[tuple[Point, float] | None]]) -> list[Columns]:
-        """Return the difference quotients of each run to its own k points at signed distances; 0 for None.
+        """Return for each run the difference quotients to its k points, which are given with signed distances; 0 where
+        the step is None.
 
         Both outputs of a quotient are approximate, or both are exact. They are exact if the points differ in a number
         that approximate outputs cannot resolve.
@@ -174,8 +175,8 @@ class Replay:
         use: Callable[[int, Out], None],
         run: Callable[[Sequence[Job]], Iterator[Out]],
     ) -> None:
-        """Simulate runs at points; call ``use`` with the index of each place and its outputs, from any thread, in any
-        order.
+        """Simulate runs at points. Call ``use`` with the index of each place and its outputs; the calls come from any
+        thread and in any order.
         """
         jobs = [self._job(self.runs[r], point) for r, point in places]
         size = max(self.simulator.least_batch, min(MOST_BATCH, ceil(len(jobs) / self.workers)))

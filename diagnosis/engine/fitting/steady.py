@@ -32,9 +32,10 @@ Step = tuple[Point, float]
 
 
 def steady(parts: Sequence[Columns], weights: Array, spoilt: NDArray[np.bool_], errors: Array) -> Columns:
-    """Return k quotients, each the mean of several ``parts`` with ``weights`` (p, k).
+    """Return k quotients, each the mean of p ``parts`` with ``weights`` (p, k).
 
-    For ``spoilt`` (k,) quotients the two parts that agree best are used. Channels are scaled by ``errors`` (c,).
+    Quotients that are ``spoilt`` (k,) use the mean of the two parts that agree best. Channels are scaled by ``errors``
+    (c,).
     """
     if spoilt.any():
         pairs = list(combinations(range(len(parts)), 2))
@@ -51,7 +52,7 @@ def chosen(
     places: Sequence[Sequence[int]],
     which: Sequence[Sequence[bool] | NDArray[np.bool_]],
 ) -> list[list[Step | None]]:
-    """Return each run's steps along its ``places``, None where ``which`` is False."""
+    """Return for each run the steps along its ``places``; None where ``which`` is False."""
     return [
         [steps[i] if mine else None for i, mine in zip(own, asked, strict=True)]
         for own, asked in zip(places, which, strict=True)

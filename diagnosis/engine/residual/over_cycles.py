@@ -63,13 +63,15 @@ def loss(residuals: Residuals, c: int) -> Evidence | NotApplicable:
 
 
 def _followed(residuals: Residuals, c: int) -> list[Swing]:
-    """Return the stretches of the input that the channel follows best, with at least three fully measured cycles."""
+    """Return the swings of the input that the channel follows best. Each has at least three cycles that are mostly
+    measured.
+    """
     chosen = [s for s in residuals.swings if residuals.partner(c, s.start, s.stop) == s.signal]
     return [s for s in chosen if _losses(residuals, c, s).size >= LEAST_CYCLES]
 
 
 def _losses(residuals: Residuals, c: int, swing: Swing) -> Array:
-    """Return ∮ e du (cycles,) over each cycle that is mostly measured."""
+    """Return ∮ e du of each cycle that is mostly measured (cycles,)."""
     e, u = residuals.residual[:, c], residuals.inputs[swing.signal]
     cycles = []
     for a, b in pairwise(swing.edges):
@@ -89,7 +91,7 @@ def _against_zero(values: Array) -> tuple[float, float]:
 
 
 def _mechanism(sure: list[tuple[Swing, float]]) -> str:
-    """Return the mechanisms of a loss that grows with amplitude and frequency by |W| ~ Aᵃ fᵇ."""
+    """Return as text the mechanisms that fit the growth of a loss with amplitude and frequency, |W| ~ Aᵃ fᵇ."""
     anything = "friction, viscous or Maxwell loss, heat, orifice"
     if len({s.signal for s, _ in sure}) != 1 or len(sure) < 3:
         return anything
@@ -164,7 +166,7 @@ def _loop(residuals: Residuals, c: int, swing: Swing, channel: Channel) -> Serie
 
 
 def settles(residuals: Residuals, c: int) -> Evidence | NotApplicable:
-    """Test the error in a hold: a straight line, or an exponential that settles."""
+    """Test the error in holds, in which all inputs are at rest: does it follow a line or an exponential?"""
     white = residuals.whitened[:, c]
     holds = [h for h in residuals.holds if np.isfinite(white[h.start : h.stop]).sum() > LEAST_OF_A_HOLD]
     if not holds:
@@ -197,7 +199,7 @@ def settles(residuals: Residuals, c: int) -> Evidence | NotApplicable:
 
 
 def _in_hold(white: Array, hold: Hold, step: float, tau: float) -> tuple[float, float, float]:
-    """Return p, χ² and τ of an exponential (τ = 0: of a line) in addition to a constant."""
+    """Return p, χ² and τ of an exponential in addition to a constant. τ = 0 tests a line instead."""
     y = white[hold.start : hold.stop]
     known = np.isfinite(y)
     time = step * np.arange(y.size)

@@ -36,8 +36,8 @@ FIRST_HARMONICS = {"even": (2, 4, 6), "odd": (3, 5, 7)}
 
 
 def follows(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicable]:
-    """Test the regression of the error on an input: linear (u, u̇), and beyond that even (u², u u̇) and odd (sgn u̇,
-    u³).
+    """Return a test of the regression of the error on an input: linear (u, u̇), or beyond that even (u², u u̇) or odd
+    (sgn u̇, u³).
 
     A drift in time is subtracted first. Each regressor comes with its slope, so that the phase shift of a whitening
     filter does not hide it.
@@ -94,7 +94,7 @@ def _over_input(residuals: Residuals, c: int, name: str) -> Figure:
 
 
 def rings(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicable]:
-    """Test the harmonics of the error while an input is a sine: even ones (2, 4, 6) or odd ones (3, 5, 7).
+    """Return a test of the harmonics of the error while an input is a sine: even ones (2, 4, 6) or odd ones (3, 5, 7).
 
     The part that correlates with the measured input, including its harmonics, is subtracted first.
     """
@@ -128,7 +128,7 @@ def rings(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicable
 
 
 def distinct(swings: Sequence[Swing]) -> list[Swing]:
-    """Return swings without duplicates: one swing if several inputs move together."""
+    """Return the swings without duplicates. If several inputs move together, one swing remains."""
     kept: list[Swing] = []
     for swing in swings:
         period = (swing.stop - swing.start) / (len(swing.edges) - 1)
@@ -143,7 +143,7 @@ def distinct(swings: Sequence[Swing]) -> list[Swing]:
 
 
 def _ringing(residuals: Residuals, c: int, sine: Swing, orders: tuple[int, ...]) -> tuple[float, int]:
-    """Return χ² of some harmonics of the error, and its degrees of freedom."""
+    """Return χ² of the harmonics ``orders`` in the error during one sine, and its degrees of freedom."""
     inside = slice(sine.start, sine.stop)
     known = np.isfinite(residuals.whitened[inside, c])
     n, u = sine.stop - sine.start, residuals.inputs[sine.signal][inside]
@@ -185,8 +185,8 @@ def _spectrum(residuals: Residuals, c: int, sine: Swing) -> Figure:
 
 
 def velocity_surface(residuals: Residuals, c: int) -> Evidence | NotApplicable:
-    """Test the restoring-force surface of the error r(x, v), by Masri and Caughey (1979): means over an input and its
-    slope.
+    """Test the surface of the error r(x, v) over an input and its rate: means of the error in bins (Masri and Caughey
+    1979).
     """
     name = residuals.partner(c)
     if not name:
@@ -202,7 +202,9 @@ def velocity_surface(residuals: Residuals, c: int) -> Evidence | NotApplicable:
 
 
 def pressure_surface(residuals: Residuals, c: int) -> Evidence | NotApplicable:
-    """Test the surface of the error r(x, p) over an input and the predicted pressure that the channel follows best."""
+    """Test the surface of the error r(x, p) over an input and a predicted pressure: those that the channel follows
+    best.
+    """
     pressures = [i for i, channel in enumerate(residuals.channels) if channel.kind == "pressure"]
     name = residuals.partner(c)
     if not pressures or not name:

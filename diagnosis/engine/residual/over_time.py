@@ -89,7 +89,7 @@ def _self_products(values: Array, lags: int) -> Array:
 
 
 def drift(residuals: Residuals, c: int) -> Evidence | NotApplicable:
-    """Test the means of blocks at three scales: z_b = Σ e/√n, whose squares sum to χ².
+    """Test the means of blocks at three scales: for each block z = Σ e/√n, and the squares of z sum to χ².
 
     The part that follows the input is subtracted first, because means of slow cycles would look like a drift.
     """
@@ -128,7 +128,7 @@ def drift(residuals: Residuals, c: int) -> Evidence | NotApplicable:
 
 
 def _unmoved(residuals: Residuals, c: int, values: Array) -> Array:
-    """Return values (n,) without the part that follows the input which the channel follows best."""
+    """Return values (n,) minus the part that follows an input, the one that the channel follows best."""
     name = residuals.partner(c)
     if not name:
         return values

@@ -21,7 +21,8 @@ def parities(
 ) -> dict[str, Evidence | NotApplicable]:
     """Test each parity signal, measured minus predicted, by means of blocks.
 
-    Its noise is drawn from that of the channels and passed through the same combination; F compares the two.
+    Noise of the channels is drawn and passed through the same combination. An F test compares the measured means with
+    the drawn ones.
     """
     known = np.isfinite(residuals.residual)
     predicted = np.where(known, residuals.predicted, np.nan)
@@ -63,7 +64,7 @@ def _against_chance(
 
 
 def _means(values: Array) -> tuple[Array, Array]:
-    """Return the means of the blocks with any measured sample, and the samples in their middle."""
+    """Return the means of the blocks that have a measured sample, and the sample index in the middle of each block."""
     starts = (np.arange(PARITY_BLOCKS + 1) * values.size) // PARITY_BLOCKS
     inside = [
         (float(np.nanmean(values[a:b])), 0.5 * (a + b))

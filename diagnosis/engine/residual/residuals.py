@@ -15,7 +15,8 @@ from diagnosis.finding import Figure
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Residuals of one run: ``residual`` (n, c) in SI, ``whitened`` (n, c) with unit variance, NaN if not counted.
+    """Residuals of one run: ``residual`` (n, c) in SI, ``whitened`` (n, c) with unit variance; NaN where a sample does
+    not count.
 
     ``inputs`` are those that move; ``swings`` and ``holds`` are their motions and pauses. Results that several tests
     use are cached.
@@ -47,7 +48,9 @@ class Residuals:
         return {name: _regressors(u, self.step) for name, u in self.inputs.items()}
 
     def partner(self, c: int, start: int = 0, stop: int | None = None) -> str:
-        """Return the input that a channel follows best, by its correlation with value and slope; "" if none moves."""
+        """Return the input that a channel follows best, by its correlation with the input and its rate; "" if no input
+        moves.
+        """
         if (start, stop) not in self._partners:
             self._partners[start, stop] = self._follow(slice(start, stop))
         return self._partners[start, stop][c]
@@ -80,8 +83,8 @@ def _regressors(u: Array, step: float) -> Array:
 def residuals_of(
     experiment: Experiment, channels: tuple[Channel, ...], measured: Array, predicted: Array, white: Array
 ) -> Residuals:
-    """Return residuals from outputs (n, c) and whitened residuals (n, c). The latter are NaN or exactly 0 if not
-    counted.
+    """Return residuals from outputs (n, c) and whitened residuals ``white`` (n, c). ``white`` is NaN or exactly 0 where
+    a sample does not count.
     """
     counts = np.isfinite(white) & (white != 0.0) & np.isfinite(measured)
     inputs = moving(experiment)
@@ -99,7 +102,9 @@ def residuals_of(
 
 
 def input_name(name: str) -> str:
-    """Return the name of an input as text: ``pressure_rate`` as "pressure rate"; names of signals stay."""
+    """Return the name of an input as text: ``pressure_rate`` becomes "pressure rate". Names with a dot are not
+    changed.
+    """
     return name if "." in name else name.replace("_", " ")
 
 
@@ -147,10 +152,10 @@ class NotApplicable:
 
 
 def wald(columns: Array, y: Array, tested: slice) -> tuple[float, int]:
-    """Return χ² and its degrees of freedom of the ``tested`` columns (n, k) beyond the others, for y (n,) of unit
+    """Return χ² and the degrees of freedom of the ``tested`` columns in addition to the others, for y (n,) of unit
     variance.
 
-    Columns that are combinations of the others lose their degree of freedom.
+    ``columns`` is (n, k). A tested column that is a combination of the others adds no degree of freedom.
     """
     explained, freedom = _explained(columns, y[:, np.newaxis], tested)
     return float(explained[0]), freedom

@@ -38,7 +38,7 @@ class Swing:
 
     @property
     def stop(self) -> int:
-        """The sample after the last one."""
+        """The index after the last sample."""
         return self.edges[-1]
 
 

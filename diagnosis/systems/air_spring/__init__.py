@@ -1,1 +1,1 @@
-"""The bench of two air springs as a system to be diagnosed."""
+"""The bench with two air springs as a system that can be diagnosed."""

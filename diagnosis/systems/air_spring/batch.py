@@ -35,10 +35,10 @@ Traces = tuple[Array, ...]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replayed:
-    """One replay of a run with one parameter record: its springs, or none if no lane can integrate them.
+    """One replay of a run with one parameter record.
 
-    Without springs it is replayed ``alone``, which returns the readings (n, c) of its ``sensors`` (c,); this is not
-    possible for a ``rough`` one.
+    ``springs`` are its springs; empty if the parallel lanes cannot integrate them. Then ``alone`` replays the run and
+    returns the readings (n, c) of its ``sensors`` (c,). A ``rough`` replay cannot run alone.
     """
 
     traced: TracedReplay
@@ -51,25 +51,27 @@ class Replayed:
     rough: bool
 
     def parts(self) -> list[Together]:
-        """Return groups of springs to integrate: both together if air flows between them, otherwise each alone."""
+        """Return the groups of springs to integrate: one group of both if air flows between them, otherwise each spring
+        alone.
+        """
         joined = self.traced.leaks_between(self.record) or (self.kept.opened and not self.rough)
         if joined and self.springs:
             return [self.springs]
         return [(spring,) for spring in self.springs]
 
     def opens(self, traces: Sequence[Array]) -> bool:
-        """Return whether the differential pressure valve opens between springs with these separately computed
-        traces.
+        """Return whether the differential pressure valve would have opened, judged from the traces of two springs
+        integrated separately.
         """
         return not self.traced.stays_shut(self.record, traces)
 
     def read(self, traces: Sequence[Array]) -> Array:
-        """Return the readings (n, c) from the traces of both springs."""
+        """Return the readings (n, c) of the sensors, from the traces of both springs."""
         return self.traced.readings(self.record, traces, self.shift, self.sensors)
 
 
 class KeptTraces:
-    """A cache of the last trajectories of one experiment, safe for several threads."""
+    """A cache of the latest trajectories of one experiment. Several threads may use it at once."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -85,7 +87,7 @@ class KeptTraces:
             return self._traces.get(key)
 
     def keep(self, key: Hashable, traces: Traces) -> None:
-        """Store trajectories, and drop those that were unused for longest."""
+        """Store trajectories, and remove the least recently used ones from a full cache."""
         with self._lock:
             self._traces[key] = traces
             self._traces.move_to_end(key)
@@ -94,7 +96,9 @@ class KeptTraces:
 
 
 class _Missing(NamedTuple):
-    """Springs to be integrated, with their cache and whether their experiment has no other request."""
+    """Springs to integrate and the cache for their traces. ``sole``: no other job of the batch is for the same
+    experiment.
+    """
 
     springs: Together
     kept: KeptTraces
@@ -102,12 +106,10 @@ class _Missing(NamedTuple):
 
 
 def read_all(jobs: Sequence[Replayed], effort: Counter[str]) -> Iterator[Array | None]:
-    """Yield the readings (n, c) of each job in order, None for approximate jobs that lanes cannot compute.
+    """Yield the readings (n, c) of each job in order; None for approximate jobs that lanes cannot compute.
 
-    Equal jobs are one object, and get one array.
-
-    The work is added to the counter ``effort``: ``springs`` integrated in ``packs``, ``readings``, and replays
-    ``alone`` among these.
+    Equal jobs must be one object; they get one array. The work is added to the counter ``effort``: ``springs``
+    integrated in ``packs``, ``readings``, and replays ``alone`` among these.
     """
     batch = _Batch(jobs, effort)
     for job in jobs:
@@ -138,7 +140,7 @@ class _Batch:
         return self._readings[id(job)]
 
     def leave(self, job: Replayed) -> None:
-        """Note that a job has been read once, and drop data that no other job needs."""
+        """Note that a job has been read once, and release data that no other job needs."""
         self._release(job, 1)
         self._left[id(job)] -= 1
         if not self._left[id(job)]:
@@ -185,7 +187,9 @@ class _Batch:
         return [trace for key in parts for trace in self._traces[key]]
 
     def _join(self, kept: KeptTraces) -> None:
-        """Request the springs together for jobs that request them separately in a run whose valve has opened."""
+        """Request both springs together for all unread jobs of a run whose valve has opened. They had requested them
+        separately.
+        """
         for mine, job in self._jobs.items():
             unread = self._left[mine] and mine not in self._readings
             if unread and job.kept is kept and not job.rough and len(self._parts[mine]) > 1:
@@ -193,7 +197,7 @@ class _Batch:
                 self._request_traces(job)
 
     def _integrate(self) -> None:
-        """Integrate the springs that are needed next, as many as there are lanes."""
+        """Integrate the springs that are needed next, up to the number of lanes, and store their traces."""
         first = next(iter(self._missing.values())).springs
         pack = [
             key
@@ -216,5 +220,5 @@ class _Batch:
 
 
 def _good(traces: Sequence[Array]) -> bool:
-    """Return whether there are traces, and their last values are finite. NaN would persist to the end."""
+    """Return whether there are traces and their last values are finite. A NaN in a trace would remain until its end."""
     return bool(traces) and all(bool(np.isfinite(trace[-1]).all()) for trace in traces)

@@ -1,5 +1,5 @@
-"""The bench of two air springs as a system for mapped files: the signals of another rig's files that its replay
-uses.
+"""The bench with two air springs as a system for mapped files: it defines the signals that a replay needs from files of
+another rig.
 """
 
 from __future__ import annotations
@@ -37,7 +37,9 @@ _FIRST: Final = 5
 
 
 def air_spring_system(parameters: Parameters) -> System:
-    """Return the system of two air springs with a parameter set: heights are inputs, pressures and forces outputs."""
+    """Return the system of two air springs with a parameter set. Heights are its inputs, pressures and forces its
+    outputs.
+    """
 
     def simulator(settings: Mapping[str, float], measured: tuple[Channel, ...]) -> AirSpring:
         there = parameters.with_values(atmospheric_pressure=settings["ambient_pressure"])
@@ -121,10 +123,10 @@ def _supply(measured: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def _at_rest(step: float, clock: Array, measured: Mapping[str, Array]) -> NDArray[np.bool_]:
-    """Return a mask of the samples at which all heights and platform motions are at rest, by their scatter within half
-    a second.
+    """Return a mask (n,): True where all heights and platform motions are at rest, by their scatter within half a
+    second.
 
-    A difference over half a second would be 0 at each reversal, and always at 2 Hz.
+    A difference over half a second would not do: it is 0 at each reversal, and always 0 at 2 Hz.
     """
     half = max(round(0.25 / step), 1)
     least = _REST_SPEED * 2 * half * step / np.sqrt(12.0)
@@ -140,7 +142,9 @@ def _at_rest(step: float, clock: Array, measured: Mapping[str, Array]) -> NDArra
 
 
 def _begin(measured: Mapping[str, Array]) -> Mapping[str, float]:
-    """Return pressures and temperatures of the gas at the start of a run."""
+    """Return pressures (Pa) and temperatures (K) of the gas at the start of a run: medians of the first measured
+    samples.
+    """
     found = {}
     for name in GAS:
         if name in measured:

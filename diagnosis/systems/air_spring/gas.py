@@ -1,4 +1,4 @@
-"""The gas in the springs at the start of a run, from sensor readings; with effects that begin at the start."""
+"""The gas in the springs at the start of a run, from sensor readings. Effects may begin at this start."""
 
 from collections.abc import Mapping
 from typing import Any, Final
@@ -61,7 +61,9 @@ def gas_that_was_read(experiment: Experiment, parameters: Mapping[str, float], p
 
 
 def kept(gas: Gas, experiment: Experiment, before: Any, par: Any) -> Gas:
-    """Return the gas with the same mass and temperature after the springs change from ``before`` to ``par``."""
+    """Return the gas after the springs change from the parameters ``before`` to ``par``: mass and temperature stay
+    equal.
+    """
     pressure = gas.pressure.copy()
     for i, side in enumerate(_SIDE_NAMES):
         at = float(experiment.inputs[f"{side}.height"][0]), float(given(experiment, "shear", 0.0)[0])
@@ -73,9 +75,9 @@ def kept(gas: Gas, experiment: Experiment, before: Any, par: Any) -> Gas:
 
 
 def _room(par: Any, side: int, zeta: float, y: float) -> tuple[float, float]:
-    """Return the volume (m³) of a bellows at gauge pressure 0, and its increase per Pa.
+    """Return the volume (m³) of a bellows at gauge pressure 0, and how much it grows per Pa.
 
-    The pressure widens it, and compresses the emergency spring: ζ_b = ζ + (p_g A − P)/k.
+    The pressure stretches the bellows and compresses the emergency spring: ζ_b = ζ + (p_g A − P)/k.
     """
     Y, Y1, _ = lateral_shape(y, 1.0 / par.membrane_travel[side])
     names = ("effective_area_slope", "membrane_length", "membrane_length_slope")

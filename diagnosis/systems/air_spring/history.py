@@ -1,4 +1,4 @@
-"""The history of a bench before a run, in the form of the memory of its rubber.
+"""The history of a bench before a run, expressed by the state of its rubber.
 
 Theory of operation
 -------------------
@@ -7,15 +7,15 @@ weight e^{−s/τ} for s seconds ago:
 
     M(τ) = ∫ x(s) e^{−(t − s)/τ} ds/τ
 
-A Kelvin element has crept under a force F by q = (r/k) M(τ) of F. The dash-pot of a Maxwell branch is at M(τ) of the
-bellows' displacement: it is *behind* by x − M(τ), which gives its force. A fractional element has branches of half a
-minute and of minutes, which still have a force from the filling of the bellows. So M is computed from the record for
-memories from seconds to hours; between them it is smooth in ln τ.
+A Kelvin element has crept under a force F by q = (r/k) M(τ), where M is that of F. The dash-pot of a Maxwell branch is
+at M(τ) of the displacement of the bellows: it is *behind* by x − M(τ), which gives its force. A fractional element has
+branches of half a minute and of minutes, which still have a force from the filling of the bellows. So M is computed
+from the record for memories from seconds to hours; between them it is smooth in ln τ.
 
 The time before the first sample of a record is unknown. The bench is assumed to have been in the state of the first
-sample, with no load before it was switched on. The bellows' displacement is that of the spring minus the deflection of
-its emergency spring, ζ_b = ζ + (F − P)/k; shims for another P do not change it. In the lateral direction the emergency
-spring takes a twentieth of the shear, which is neglected.
+sample since it was switched on, and without load before that. The displacement of the bellows is that of the spring
+minus the deflection of its emergency spring, ζ_b = ζ + (F − P)/k; shims for another P do not change it. In the lateral
+direction the emergency spring takes a twentieth of the shear, which is neglected.
 """
 
 from collections.abc import Callable, Mapping
@@ -48,10 +48,11 @@ SHEAR: Final = "shear"
 
 
 class Past:
-    """A record up to a ``time``, ``on`` s after the bench was switched on, as means over its n seconds.
+    """The part of a record before ``time`` (s), as means over n seconds. The bench was switched on ``on`` s before that
+    time.
 
-    ``edges`` (n + 1,) are the borders of the seconds. A signal keeps its value in seconds without a sample, and has the
-    first value before the first sample.
+    ``edges`` (n + 1,) are the borders of the seconds. Means of seconds without samples are interpolated; before the
+    first sample they are equal to the first mean.
     """
 
     def __init__(self, record: Record, time: float, on: float) -> None:
@@ -61,7 +62,7 @@ class Past:
         self.means = cache(self._means)
 
     def __bool__(self) -> bool:
-        """Return whether there is a past."""
+        """Return whether the bench was switched on before the time."""
         return len(self.edges) > 1
 
     def knows(self, *names: str) -> bool:
@@ -69,14 +70,14 @@ class Past:
         return all(name in self._record.signals and self.means(name).size for name in names)
 
     def until_now(self, name: str) -> Array:
-        """Return the means (n + 1,) of a signal; the last one is its value at the end."""
+        """Return the means (n + 1,) of a signal; the last element is its present value, at the end of the past."""
         times, values = self._record.series(name)
         now = np.isfinite(values) & (times >= self._time) & (times < self._time + _NOW)
         means = self.means(name)
         return np.append(means, values[now].mean() if now.any() else means[-1])
 
     def forgotten(self, memory: float) -> tuple[Array, float]:
-        """Return the weights e^{−s/τ} (n,) of each second, and the weight of all time before."""
+        """Return the weight of each second (n,) in M(τ), and the weight of all time before; ``memory`` is τ in s."""
         left = np.exp(-np.maximum(self._time - self.edges, 0.0) / memory)
         return np.diff(left), float(left[0])
 
@@ -92,17 +93,17 @@ class Past:
 
 
 def load_setting(side: str, memory: float) -> str:
-    """Return the name of the setting for M of one spring's load, for a memory in s."""
+    """Return the name of the setting that holds M(τ) of the load of one spring; ``memory`` is τ in s."""
     return f"{side}.load_over_{memory:g}_s"
 
 
 def behind_setting(place: str, memory: float) -> str:
-    """Return the name of the setting for the distance of a dash-pot behind its bellows, for a memory in s."""
+    """Return the name of the setting that holds the distance of a dash-pot behind its bellows; ``memory`` is τ in s."""
     return f"{place}.behind_over_{memory:g}_s"
 
 
 def remembered_loads(past: Past, parameters: Parameters) -> dict[str, float]:
-    """Return the settings for M(τ) of both springs' loads (N); none without load cells."""
+    """Return the settings that hold M(τ) of the loads of both springs (N); empty without load cells."""
     if not past or not past.knows(*CELLS):
         return {}
     forces = spring_forces({name: past.means(name) for name in CELLS}, parameters.record)
@@ -116,10 +117,10 @@ def remembered_loads(past: Past, parameters: Parameters) -> dict[str, float]:
 def remembered_places(
     past: Past, parameters: Parameters, preload: Callable[[Array], Array]
 ) -> dict[str, float]:
-    """Return the settings for x − M(τ) of both bellows' displacements and of their shear (m).
+    """Return the settings that hold x − M(τ) of the displacements of both bellows and of their shear (m).
 
     ``preload`` returns the shimmed load (N per spring) at given times (n,). Without heights the result is empty.
-    Without load cells emergency springs are assumed rigid; other missing signals are assumed at rest.
+    Without load cells emergency springs are assumed rigid; other missing signals are assumed constant.
     """
     if not past or not past.knows(*(f"{side}.height" for side in SIDES)):
         return {}
@@ -144,7 +145,7 @@ def remembered_places(
 
 
 def before(settings: Mapping[str, float], par: Any) -> Before:
-    """Return the memory of the rubber at the start of a run, for a replay, from its settings."""
+    """Return the state of the rubber at the start of a run, from the settings of the run."""
     memory = Before.at_rest()
     for i, side in enumerate(SIDES):
         if par.creep_ratio[i]:
@@ -157,7 +158,7 @@ def before(settings: Mapping[str, float], par: Any) -> Before:
 
 
 def remembered(settings: Mapping[str, float], side: str, memory: float) -> float:
-    """Return M of a spring's load (N) for a memory in s; 0 without settings."""
+    """Return M(τ) of the load (N) of one spring; ``memory`` is τ in s. 0 if the run has no such settings."""
     if load_setting(side, MEMORIES[0]) not in settings:
         return 0.0
     loads = tuple(settings[load_setting(side, known)] for known in MEMORIES)
@@ -165,9 +166,11 @@ def remembered(settings: Mapping[str, float], side: str, memory: float) -> float
 
 
 def behind(settings: Mapping[str, float], place: str, memory: float) -> float:
-    """Return the distance (m) of a dash-pot with a memory in s from one side's bellows or `SHEAR`; 0 without settings.
+    """Return the distance (m) of a dash-pot behind its ``place`` (the bellows of a side, or `SHEAR`); 0 without
+    settings.
 
-    The bench's own dash-pots are fast: they forget the past before the first counted sample.
+    ``memory`` is the time constant of the dash-pot in s. The bench's own dash-pots are fast: they forget the past
+    before the first counted sample.
     """
     if behind_setting(place, MEMORIES[0]) not in settings:
         return 0.0
@@ -177,6 +180,8 @@ def behind(settings: Mapping[str, float], place: str, memory: float) -> float:
 
 @lru_cache(maxsize=4096)
 def _between(memories: tuple[float, ...], values: tuple[float, ...], memory: float) -> float:
-    """Interpolate values at some memories, smoothly in the logarithm of the memory; constant beyond the ends."""
+    """Return the value at ``memory``, interpolated smoothly over the logarithm of ``memories``; constant beyond the
+    ends.
+    """
     place = np.log(np.clip(memory, memories[0], memories[-1]))
     return float(PchipInterpolator(np.log(memories), values)(place))

@@ -1,9 +1,9 @@
-"""The bench with springs of which only the drawing is known: identified parameters and their wide priors.
+"""The bench with springs of which only the drawing is known: parameters to identify, and their wide priors.
 
-A diagnosis fits again the parameters that differ between good springs of one delivery, within a hundredth or a tenth.
-An identification starts from an unknown spring: the priors are as wide as the spread of similar drawings, and friction,
-emergency spring, heat and the stiffness in roll are identified as well. All other values come from the parameter set:
-the relaxation of the shell's stiffness, the contact of the emergency spring, the dimensions of the rig.
+A diagnosis fits only those parameters that differ between good springs of one delivery, by a hundredth or a tenth. An
+identification starts from an unknown spring: the priors are as wide as the spread of similar drawings, and friction,
+emergency spring, heat and the stiffness in roll are identified too. All other values come from the parameter set: the
+relaxation of the shell's stiffness, the contact of the emergency spring, the dimensions of the rig.
 """
 
 from collections.abc import Mapping
@@ -21,9 +21,9 @@ from diagnosis.systems.air_spring.simulator import OUTPUTS, AirSpring
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """One quantity of the springs: its name, and the relative standard deviation of its prior.
+    """One quantity of the springs to identify: its name, and the relative standard deviation of its prior.
 
-    ``each``: load cells and pressures determine it for each side; else both springs share one value.
+    ``each``: load cells and pressures determine it separately for each side. Otherwise both springs share one value.
     """
 
     title: str
@@ -64,7 +64,9 @@ _TOLERANCES: Final = frozenset({*EACH_SIDE, *BOTH_SIDES})
 
 
 class UnknownSpring(AirSpring):
-    """The bench with springs to be identified. Effects of the set are kept, and no others are tested."""
+    """The bench with springs to be identified. Effects of the parameter set stay in the model; no other effects are
+    tested.
+    """
 
     def __init__(self, parameters: Parameters, only: tuple[str, ...] = tuple(OUTPUTS)) -> None:
         super().__init__(parameters, effects={}, only=only)
@@ -87,14 +89,15 @@ _SHARED: Final = ("membrane_length", "membrane_length_slope", "membrane_travel")
 
 
 def names_of_shape(side: str) -> tuple[str, ...]:
-    """Return the labels of the values that determine area and volume of one bellows, in the order of `shape`."""
+    """Return the names of the parameters that determine area and volume of one bellows, in the order of `shape`."""
     return (*(f"{side}.{name}" for name in _OWN), *_SHARED)
 
 
 def shape(values: Array, height: float, shear: float) -> Array:
-    """Return effective area (m²) and volume (m³) of a bellows at a height and a lateral displacement (m): (2,).
+    """Return effective area (m²) and volume (m³) of a bellows as an array (2,), for a height and a lateral displacement
+    in m.
 
-    A = A₀ + A₁ζ − ½κ₁Y,  V = V₀ + (A₀ + ½A₁ζ)ζ − ½(κ₀ + κ₁ζ)Y,  Y = y²/(1 + (y/y_s)²), as in `bench_sim.model.spring`.
+    A = A₀ + A₁ζ − ½κ₁Y, V = V₀ + (A₀ + ½A₁ζ)ζ − ½(κ₀ + κ₁ζ)Y, Y = y²/(1 + (y/y_s)²), as in `bench_sim.model.spring`.
     """
     area, slope, volume, length, length_slope, travel = values
     reach = shear**2 / (1.0 + (shear / travel) ** 2)
@@ -107,7 +110,7 @@ def shape(values: Array, height: float, shear: float) -> Array:
 
 
 def uncertain_shape(values: Array, covariance: Array, height: float, shear: float) -> tuple[Array, Array]:
-    """Return area and volume (2,), and the standard deviation of each (2,), for values with a covariance (6, 6)."""
+    """Return area and volume (2,) and their standard deviations (2,); ``covariance`` (6, 6) is that of ``values``."""
     steps = 1e-3 * np.abs(values) + 1e-6
     slopes = np.column_stack(
         [

@@ -1,6 +1,4 @@
-"""The parameters in which an air spring bench may differ from its parameter set, and the effects that may be
-missing.
-"""
+"""The parameters in which a bench may differ from its parameter set, and the effects that its model may lack."""
 
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
@@ -75,7 +73,7 @@ _UNITS: Final = {quantity.name: quantity.unit for quantity in QUANTITIES}
 def nuisances(parameters: Parameters, measured: tuple[tuple[Channel, Sensor], ...]) -> tuple[Nuisance, ...]:
     """Return the nuisances of every model: zeros and drag of the sensors, the gas at the start, then the springs.
 
-    Zeros come first because they need no separate simulation. ``measured`` are the channels with their sensors.
+    Zeros come first because they need no separate simulation. ``measured`` lists the channels, each with its sensor.
     """
     return (
         *_offsets(parameters, measured),
@@ -93,8 +91,8 @@ def _nuisance(name: str, unit: str, spread: float, display: str = "", scale: flo
 
 
 def _offsets(parameters: Parameters, measured: tuple[tuple[Channel, Sensor], ...]) -> Iterator[Nuisance]:
-    """Yield the zeros of the sensors. The accuracy of a data sheet is the bound of a uniform distribution: √3
-    deviations.
+    """Yield the zeros of the sensors. The accuracy of a data sheet is the bound of a uniform distribution, so σ is
+    accuracy/√3.
     """
     accuracy = parameters.record.sensor_accuracy / sqrt(3.0)
     accuracy[[Sensor.VERTICAL_LEFT_DISPLACEMENT, Sensor.VERTICAL_RIGHT_DISPLACEMENT]] = _pin_accuracy(
@@ -107,7 +105,9 @@ def _offsets(parameters: Parameters, measured: tuple[tuple[Channel, Sensor], ...
 
 
 def _rounding_errors(measured: tuple[tuple[Channel, Sensor], ...]) -> Iterator[Nuisance]:
-    """Yield the offsets of displacements in one run that are due to the resolution of the transducers at rest."""
+    """Yield offsets of displacements that are constant in one run. They are due to the resolution of transducers at
+    rest.
+    """
     shear = _nuisance(f"{SHEAR}{SEAT}", "m", ROUNDING, "mm", 1e-3)
     yield replace(shear, per_run=True)
     for channel, _ in measured:
@@ -117,14 +117,14 @@ def _rounding_errors(measured: tuple[tuple[Channel, Sensor], ...]) -> Iterator[N
 
 
 def _drags(measured: tuple[tuple[Channel, Sensor], ...]) -> Iterator[Nuisance]:
-    """Yield forces in proportion to speed that only the actuators' transducers measure."""
+    """Yield forces proportional to speed that act on the transducers of the actuators, but not on the springs."""
     for channel, sensor in measured:
         if Sensor.VERTICAL_LEFT_FORCE <= sensor <= Sensor.LATERAL_FORCE:
             yield _nuisance(f"{channel.name}{DRAG}", "N*s/m", SEALS)
 
 
 def _initial_gas() -> Iterator[Nuisance]:
-    """Yield pressure of each spring and temperature of each chamber at the start of a run.
+    """Yield the pressure of each spring and the temperature of each chamber at the start of a run.
 
     A closed auxiliary chamber has its own pressure.
     """
@@ -137,7 +137,9 @@ def _initial_gas() -> Iterator[Nuisance]:
 
 
 def _tolerances(parameters: Parameters) -> Iterator[Nuisance]:
-    """Yield geometry and materials of the springs, separately for each side where each side has its own value."""
+    """Yield geometry and materials of the springs. Parameters that differ between the sides have one value for each
+    side.
+    """
     for name, share in EACH_SIDE.items():
         for place, side in enumerate(_SIDES):
             yield _tolerance(parameters, name, f"{side}.{name}", place, share)
@@ -146,7 +148,9 @@ def _tolerances(parameters: Parameters) -> Iterator[Nuisance]:
 
 
 def _leveling(parameters: Parameters) -> Iterator[Nuisance]:
-    """Yield parameters that matter only with working leveling valves, and the zero of the supply's gauge."""
+    """Yield parameters of the leveling valves, which have an effect only while these work, and the zero of the supply's
+    gauge.
+    """
     accuracy = float(parameters.record.sensor_accuracy[Sensor.SUPPLY_PRESSURE])
     yield _nuisance(f"{SUPPLY}.offset", "Pa", accuracy / sqrt(3.0), "mbar", 100.0)
     for place, side in enumerate(_SIDES):
@@ -157,10 +161,10 @@ def _leveling(parameters: Parameters) -> Iterator[Nuisance]:
 
 
 def zeros_of_heights(parameters: Parameters) -> tuple[dict[str, float], ...]:
-    """Return the change of the springs' own values by one standard deviation of the zero of each laser.
+    """Return for each laser how one standard deviation of its zero changes the apparent parameters of the springs.
 
-    Where ζ is read too high by b, V = V_0 + (A_0 + A_1 ζ/2) ζ − (κ_0 + κ_1 ζ) Y/2 is that of another spring, whose A_0
-    is less by A_1 b, V_0 by A_0 b and κ_0 by κ_1 b. Load-cell zeros absorb the error of the shell's force.
+    If ζ is read too high by b, V = V_0 + (A_0 + A_1 ζ/2) ζ − (κ_0 + κ_1 ζ) Y/2 is that of another spring: its A_0 is
+    smaller by A_1 b, V_0 by A_0 b and κ_0 by κ_1 b. Load-cell zeros absorb the error of the shell's force.
     """
     par = parameters.record
     errors = []
@@ -177,7 +181,8 @@ def zeros_of_heights(parameters: Parameters) -> tuple[dict[str, float], ...]:
 
 
 def _pin_accuracy(parameters: Parameters) -> float:
-    """Return the standard deviation of the offset of a vertical actuator's transducer, relative to the motion sensors.
+    """Return the standard deviation (m) of the offset of a vertical actuator's transducer, relative to the motion
+    sensors.
 
     The bolster is at (ζ_L + ζ_R)/2 + z_P + a ((ζ_L − ζ_R)/2b + φ_P) at the pin of an actuator, and each of these
     sensors has its own zero.
@@ -196,7 +201,9 @@ def _pin_accuracy(parameters: Parameters) -> float:
 
 
 def _shear_accuracy(parameters: Parameters) -> float:
-    """Return the standard deviation of the offset of the shear, from those of the sensors that it is computed from."""
+    """Return the standard deviation (m) of the offset of the shear, from the offsets of the sensors used to
+    compute it.
+    """
     par = parameters.record
     arm = par.lateral_actuator_height + par.centre_height
     shares = (
@@ -216,9 +223,9 @@ def _tolerance(parameters: Parameters, name: str, label: str, place: int, share:
 def tolerance(
     parameters: Parameters, name: str, label: str, place: int, share: float, step: float
 ) -> Nuisance:
-    """Return the prior of one element of a parameter of a set: a ``share`` of its value as standard deviation.
+    """Return one element of a parameter of the set as a nuisance. Its standard deviation is ``share`` times its value.
 
-    ``step`` is the step of finite differences, also as a share.
+    ``step`` is the step of finite differences, also as a share of the value.
     """
     entry = parameters.entries[name]
     value = float(entry.value[place])
@@ -236,9 +243,10 @@ def tolerance(
 
 
 def deviate(record: Any, values: Mapping[str, float], *, leveling: bool) -> None:
-    """Write the springs' values among ``values`` into a parameter record; with ``leveling`` also those of the valves.
+    """Write the values of spring parameters into a parameter record; with ``leveling`` also those of the leveling
+    valves.
 
-    A name with a side as prefix is for that side, one without for both. Other names are skipped.
+    A name with a side as prefix is for that side, a name without it for both. Other names are skipped.
     """
     for label, value in values.items():
         side, _, name = label.rpartition(".")
@@ -273,7 +281,9 @@ def hypotheses(effects: Mapping[str, bench.Effect], possible: Callable[[str], bo
 
 
 def locate(name: str, effects: Mapping[str, bench.Effect]) -> tuple[bench.Effect, int | None]:
-    """Return the bench's effect of a cause, and the index of its side. Raises KeyError for an unknown one."""
+    """Return the effect of the bench for the name of a cause, and the index of its side. Raises KeyError for an unknown
+    name.
+    """
     root, _, place = name.partition(".")
     return effects[root], effects[root].places.index(place) if place else None
 
@@ -338,7 +348,7 @@ def _shape(shape: bench.EffectParameter) -> Parameter:
 
 
 def _labels_at(names: tuple[str, ...], place: str, effects: Mapping[str, bench.Effect]) -> tuple[str, ...]:
-    """Return the labels of effects at the same place; of an effect without this place, all its places."""
+    """Return the labels of effects at the same place. If an effect does not have this place, return all its places."""
     return tuple(
         _label(name, where)
         for name in names

@@ -1,4 +1,4 @@
-"""Combinations of the bench's outputs that isolate one of its subsystems."""
+"""Signals computed from the outputs of the bench that only one of its subsystems can change."""
 
 from collections.abc import Mapping
 from typing import Any, Final
@@ -14,10 +14,11 @@ CELLS: Final = (*BY_GROUP[Group.VERTICAL_LOAD_CELL], *BY_GROUP[Group.LATERAL_LOA
 
 
 def parity(experiment: Experiment, outputs: Mapping[str, Array], parameters: Parameters) -> dict[str, Array]:
-    """Return every signal (n,) for which the ``outputs`` (n,) were measured.
+    """Return every parity signal (n,) whose ``outputs`` (n,) were measured.
 
     The signals are F − p_g A_e(ζ) of a spring, with F from the load cells (`spring_forces`); the mass of its air, (p_b
-    V_b/T_b + p_a V_a/T_a)/R; and F/k of an actuator's frame, the difference of its transducer and the lasers.
+    V_b/T_b + p_a V_a/T_a)/R; and F/k of an actuator's frame, which is the difference between its transducer and the
+    lasers.
     """
     par = parameters.record
     found: dict[str, Array] = {}
@@ -50,10 +51,10 @@ def parity(experiment: Experiment, outputs: Mapping[str, Array], parameters: Par
 
 
 def spring_forces(outputs: Mapping[str, Array], par: Any) -> tuple[Array, Array]:
-    """Return the vertical forces of both springs.
+    """Return the vertical forces (N) of the left and the right spring, each (n,).
 
-    F_L + F_R = ΣF_k, (F_L − F_R) b = l_y (F_1 + F_3 − F_2 − F_4) + (h − z_c) F_y. The moment of the rubber, small and
-    odd in the roll, counts as a difference of forces.
+    F_L + F_R = ΣF_k, (F_L − F_R) b = l_y (F_1 + F_3 − F_2 − F_4) + (h − z_c) F_y. The moment of the rubber is small and
+    odd in the roll; it counts as a difference of forces.
     """
     one, two, three, four, five, six = (outputs[name] for name in CELLS)
     total = one + two + three + four

@@ -1,4 +1,4 @@
-"""An experiment in the form of the replay of the bench: motion of its plates, and state of its valves."""
+"""Conversion of an experiment for the replay of the bench: motion of the plates, and state of the valves."""
 
 from collections import OrderedDict
 from dataclasses import replace
@@ -38,7 +38,7 @@ _LATE: Final = (
 
 
 class PreparedRun:
-    """The motion and inputs of an experiment in the form of the replay, and a cache of the latest simulated outputs."""
+    """The motion and inputs of an experiment, converted for the replay, and a cache of the latest simulated outputs."""
 
     def __init__(self, experiment: Experiment, par: Any, step: float) -> None:
         self.experiment = experiment
@@ -59,10 +59,10 @@ class PreparedRun:
         self._moved: WeakValueDictionary[tuple[float, float], PreparedRun] = WeakValueDictionary()
 
     def moved_by(self, par: Any) -> "PreparedRun":
-        """Return the run with the frame and displacement sensors of ``par``; cached while it is used.
+        """Return the run with its motion corrected for the frame and the displacement sensors of ``par``; cached.
 
-        The transducer is in the lateral actuator: with a softer frame the shear of the springs was smaller. Delayed
-        readings belong to earlier times.
+        The transducer is in the lateral actuator: with a softer frame, the same readings mean a smaller shear of the
+        springs. Delayed readings belong to earlier times.
         """
         more, late = self._added_compliance_and_delay(par)
         if (more, late) == (0.0, 0.0):
@@ -73,14 +73,14 @@ class PreparedRun:
         return moved
 
     def moved_by_each(self, records: Any, of: NDArray[np.intp]) -> "PreparedRun":
-        """Return the same, with the frame and sensors of a separate record for each sample: ``records`` at index ``of``
-        (n,).
+        """Return the run as `moved_by` does, but with another parameter record at each sample: ``records`` at the
+        indices ``of`` (n,).
         """
         more, late = np.array([self._added_compliance_and_delay(par) for par in records]).T
         return self._moved_so(more[of], late[of]) if more.any() or late.any() else self
 
     def _added_compliance_and_delay(self, par: Any) -> tuple[float, float]:
-        """Return the additional compliance of the frame of ``par``, as a share, and the additional delay (s) of
+        """Return how ``par`` differs from the nominal parameters: relative compliance of the frame, and delay (s) of
         displacements.
         """
         more = float(self._par.frame_stiffness[LATERAL] / par.frame_stiffness[LATERAL]) - 1.0
@@ -97,7 +97,7 @@ class PreparedRun:
 
     @property
     def inputs(self) -> Array:
-        """All inputs of the bench (n, INPUTS), most of them 0; computed only on request."""
+        """All inputs of the bench (n, INPUTS). Most of them are 0. They are computed on each request."""
         inputs = np.zeros((len(self.experiment.time), INPUTS))
         inputs[:, Input.SUPPLY] = 1.0
         for name, place in _VALVES.items():
@@ -107,12 +107,14 @@ class PreparedRun:
 
     @cached_property
     def traced(self) -> TracedReplay:
-        """The replay with lanes."""
+        """The replay in parallel lanes, with the exact step."""
         return self._traced(self._step)
 
     @cached_property
     def rough(self) -> TracedReplay:
-        """The replay with lanes and doubled step; the exact one if the samples are too close for that."""
+        """The replay in parallel lanes with twice the step. It is the exact replay if the sampling does not allow a
+        longer step.
+        """
         longer = self._traced(2.0 * self._step)
         return longer if longer.steps < self.traced.steps else self.traced
 
@@ -129,7 +131,9 @@ def _of_the_centre(read: Array, motion: Motion, par: Any) -> Array:
 
 
 def _inputs_without_latency(experiment: Experiment, late: float | Array) -> dict[str, Array]:
-    """Return the inputs of an experiment whose displacements were read ``late`` (s) and whose forces were not."""
+    """Return the inputs of an experiment with displacements shifted by their delay ``late`` (s). Forces have no
+    delay.
+    """
     time, inputs = experiment.time, dict(experiment.inputs)
     own = np.zeros(len(time))
     gave_way = inputs.get(GIVE, own)  # the shear was made of displacements less this
@@ -142,7 +146,7 @@ def _inputs_without_latency(experiment: Experiment, late: float | Array) -> dict
 
 
 def given(experiment: Experiment, name: str, default: float | None = None) -> Array:
-    """Return an input (n,) of an experiment, or its default. Raises DiagnosisError without both."""
+    """Return an input (n,) of an experiment, or its default. Raises DiagnosisError if there is neither."""
     values = experiment.inputs.get(name)
     if values is not None:
         return values

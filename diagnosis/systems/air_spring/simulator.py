@@ -109,7 +109,9 @@ _PREPARED, _OUTPUTS = 64, 2
 
 
 def channels(parameters: Parameters) -> tuple[Channel, ...]:
-    """Return the outputs with the noise of their sensors and the coarser resolution of sensor and bus."""
+    """Return the output channels, with the noise of the sensors and the resolution of sensor or bus, whichever is
+    coarser.
+    """
     record = parameters.record
     steps = {field.signal: field.step for message in TABLE.messages for field in message.fields}
     found = []
@@ -132,7 +134,7 @@ def channels(parameters: Parameters) -> tuple[Channel, ...]:
 
 
 class AirSpring(CompleteSimulator):
-    """The bench with a parameter set and its catalogue of effects; steps of at most ``step`` s.
+    """The bench as a simulator, with a parameter set and its catalogue of effects. Steps are at most ``step`` s.
 
     Effects of the set are part of the base model and no candidates. Several threads may use it at once. ``only`` names
     the measured outputs (default: all).
@@ -172,18 +174,18 @@ class AirSpring(CompleteSimulator):
         self._prepared: OrderedDict[int, PreparedRun] = OrderedDict()
 
     def forget(self) -> None:
-        """Drop the cached experiments, which take some hundred MB."""
+        """Clear the cache of experiments, which takes some hundred MB."""
         with self._lock:
             self._prepared.clear()
 
     def counted(self, experiment: Experiment, outputs: Array) -> NDArray[np.bool_]:
-        """Return a mask of the samples (n, c) that would count in the record of a planned experiment
+        """Return a mask (n, c) for a planned experiment: True for samples that would count in its record
         (`diagnosis.contracts`).
         """
         return counted_if_recorded(experiment, outputs, self.channels, self.parameters.record)
 
     def run(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Array:
-        """Return the outputs (n, c) of sensors without noise."""
+        """Return the outputs (n, c): readings of the sensors without noise."""
         prepared = self._prepare(experiment)
         simulated = _simulated(parameters)
         key = _simulation_key(simulated, effects)
@@ -198,9 +200,10 @@ class AirSpring(CompleteSimulator):
         return self._shifted(prepared, outputs, parameters)
 
     def run_many(self, jobs: Sequence[Job]) -> Iterator[Array]:
-        """Yield the outputs (n, c) of each job in order; springs are integrated in lanes, each different one only once.
+        """Yield the outputs (n, c) of each job in order. Springs are integrated in parallel lanes; equal ones are
+        integrated once.
 
-        They equal those of ``run`` within thousandths of a pascal and tenths of a millinewton, the tolerance of
+        The outputs equal those of ``run`` within thousandths of a pascal and tenths of a millinewton, the tolerance of
         Newton's method.
         """
         for outputs in self._run_many(jobs, rough=False):
@@ -208,10 +211,11 @@ class AirSpring(CompleteSimulator):
             yield outputs
 
     def run_roughly(self, jobs: Sequence[Job]) -> Iterator[Array | None]:
-        """Yield the outputs (n, c) of each job in order with doubled step; None for jobs that lanes cannot compute.
+        """Yield the outputs (n, c) of each job in order, computed with twice the step; None for jobs that lanes cannot
+        compute.
 
-        The error of the longer step is some tenths of the noise, and nearly the same at a neighbouring point. The error
-        of a difference quotient with a norm of thousands of times the noise is about a tenth of the noise.
+        The error of the longer step is some tenths of the noise, and nearly the same at a neighbouring point. A
+        difference quotient has a norm of thousands of times the noise; its error is about a tenth of the noise.
         """
         return self._run_many(jobs, rough=True)
 
@@ -234,7 +238,8 @@ class AirSpring(CompleteSimulator):
         values: Sequence[Mapping[str, float]],
         since: NDArray[np.intp],
     ) -> Array:
-        """Return the outputs (n, c) of a bench whose effect changes to each of the ``values`` (m) at a sample (m,).
+        """Return the outputs (n, c) of a bench whose effect changes during the run: to ``values`` (m) at the samples
+        ``since`` (m,).
 
         The first value applies from sample 0 and must not be 0, because a delay must exist from the start.
         """
@@ -245,7 +250,8 @@ class AirSpring(CompleteSimulator):
         return self._replay(prepared, first, self._gas(experiment, {}, first), 0.0, 0.0, later)
 
     def record(self, experiment: Experiment, parameters: Mapping[str, float], effects: Effects) -> Any:
-        """Return the parameter record of a model: this set with the experiment's load, deviations and effects.
+        """Return the parameter record of a model: the parameter set with the load of the experiment, its deviations and
+        effects.
 
         Effects are applied last, those of the set first, because they change the spring relative to its state without
         them.
@@ -271,17 +277,17 @@ class AirSpring(CompleteSimulator):
         return record
 
     def parity(self, experiment: Experiment, outputs: Array) -> Mapping[str, Array]:
-        """Return signals (n,) of ``outputs`` (n, c) that only one subsystem can change, NaN where an output is NaN.
+        """Return signals (n,) that only one subsystem can change, from ``outputs`` (n, c); NaN where an output is NaN.
 
-        The force of a spring minus p_g A_e(ζ) depends on rubber and load cells, its mass of air on leaks, the
-        difference of an actuator and the lasers on its frame.
+        The force of a spring minus p_g A_e(ζ) depends on rubber and load cells, its mass of air on leaks, and the
+        difference between an actuator and the lasers on its frame.
         """
         return parity(
             experiment, dict(zip((c.name for c in self.channels), outputs.T, strict=True)), self.parameters
         )
 
     def sharpened(self, runs: Sequence[MeasuredRun], channels: Sequence[Channel]) -> Mapping[str, Hypothesis]:
-        """Return the hypothesis of held pressure readings with their period from the data; none if they are not
+        """Return the hypothesis of held pressure readings, with the period found in the data; empty if they are not
         held.
         """
         held = self.catalogue.get(_HELD)
@@ -298,7 +304,9 @@ class AirSpring(CompleteSimulator):
         return {_HELD: of_period(held, period)} if period else {}
 
     def _has_room(self, name: str) -> bool:
-        """Return whether the set lacks an effect and has the free rubber elements that it needs."""
+        """Return whether an effect can be added: the set does not have it, and enough rubber elements of the model are
+        free.
+        """
         if name in self.parameters.effects:
             return False
         effect, place = locate(name, self._effects)
@@ -352,9 +360,9 @@ class AirSpring(CompleteSimulator):
         return readings[:, self._sensors]
 
     def _replayed(self, job: Job, known: dict[object, Replayed], rough: bool) -> Replayed:
-        """Return the replay of a job: the ``known`` one if an earlier job has requested the same.
+        """Return the replay of a job; the ``known`` one if an earlier job has requested the same.
 
-        A ``rough`` replay takes steps of twice the length, which only lanes can.
+        A ``rough`` replay takes steps of twice the length. Only parallel lanes can do this.
         """
         prepared = self._prepare(job.experiment)
         simulated = _simulated(job.parameters)
@@ -364,7 +372,7 @@ class AirSpring(CompleteSimulator):
         return known[asked]
 
     def _gas(self, experiment: Experiment, parameters: Mapping[str, float], par: Any) -> Gas:
-        """Return the gas at the start of a run in the springs of ``par``."""
+        """Return the gas at the start of a run, in the springs with the parameters ``par``."""
         if BEFORE not in experiment.settings:
             return gas_that_was_read(experiment, parameters, par)
         before = self.record(experiment, parameters, {})
@@ -378,7 +386,9 @@ class AirSpring(CompleteSimulator):
         known: dict[object, Replayed],
         rough: bool,
     ) -> Replayed:
-        """Return the replay for new parameters; it may equal a known one after all."""
+        """Return the replay for parameters that were not requested before. It is a known one if the resulting record is
+        equal.
+        """
         record = self.record(job.experiment, simulated, job.effects)
         gas = self._gas(job.experiment, simulated, record)
         prepared = prepared.moved_by(record)
@@ -402,7 +412,7 @@ class AirSpring(CompleteSimulator):
         return known[key]
 
     def _shifted(self, prepared: PreparedRun, outputs: Array, parameters: Mapping[str, float]) -> Array:
-        """Return simulated outputs (n, c) with the zeros and drags of the sensors."""
+        """Return simulated outputs (n, c) plus the zeros and drags of the sensors."""
         shifted = outputs + np.array(
             [parameters.get(zero, 0.0) + parameters.get(seat, 0.0) for zero, seat in self._zeros]
         )
@@ -425,7 +435,7 @@ class AirSpring(CompleteSimulator):
 
 
 def _simulated(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return the parameters that need a simulation."""
+    """Return the parameters that change the simulation itself, without those that only shift readings."""
     return {
         name: value
         for name, value in parameters.items()
@@ -434,12 +444,12 @@ def _simulated(parameters: Mapping[str, float]) -> dict[str, float]:
 
 
 def _simulation_key(simulated: Mapping[str, float], effects: Effects) -> str:
-    """Return a text that is equal for requests of the same simulation."""
+    """Return a text for use as a key. It is equal for requests of the same simulation."""
     return repr((sorted(simulated.items()), sorted((name, sorted(v.items())) for name, v in effects.items())))
 
 
 def _shift(parameters: Mapping[str, float]) -> float:
-    """Return the distance of the bolster to the left of its measured place: minus the offset of its transducer."""
+    """Return how far (m) the bolster is to the left of its measured position: minus the offset of its transducer."""
     return -parameters.get(f"{SHEAR}.offset", 0.0) - parameters.get(f"{SHEAR}{SEAT}", 0.0)
 
 

@@ -1,4 +1,4 @@
-"""The unknown terms that can be fitted to the bench: surfaces over two states, with their span and prior size."""
+"""The unknown terms that can be fitted to the bench: surfaces over two states, with their ranges and prior sizes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ class Span:
     compressed: bool = False  #: even in asinh(v/v₀) instead of v
 
     def centres(self, count: int) -> Array:
-        """Return the places of the maxima of the quadratic B-splines (count,), in the unit of the title."""
+        """Return where the quadratic B-splines have their maxima (count,), in the unit of the title."""
         ends = np.array([self.low, self.high])
         if self.compressed:
             ends = np.arcsinh(ends / _UNIT_SPEED)
@@ -39,7 +39,9 @@ class Span:
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """One surface of the model; ``spread`` is the prior standard deviation of every coefficient."""
+    """One possible surface of the model. ``spread`` is the prior standard deviation of every coefficient, in
+    ``unit``.
+    """
 
     name: str
     title: str
@@ -51,7 +53,7 @@ class Term:
 
     @property
     def surface(self) -> Surface:
-        """The surface in the form of the engine."""
+        """The term as a surface of the engine."""
         return Surface(
             self.name,
             self.title,
@@ -68,7 +70,9 @@ class Term:
         )
 
     def over(self, record: Any) -> "Term":
-        """Return the term with the spans of the surface in a parameter record; unchanged if the record has none."""
+        """Return the term with the ranges of the surface in a parameter record; unchanged if the record has no such
+        surface.
+        """
         if not record[self.name].any():
             return self
         first, second = (
@@ -85,7 +89,7 @@ class Term:
         return {self.name: record[self.name] + added.reshape(SURFACE), **spans}
 
     def write(self, record: Any, coefficients: Mapping[str, float]) -> None:
-        """Add the surface to a parameter record."""
+        """Add the surface to a parameter record, in place."""
         for name, value in self.changes(record, coefficients).items():
             record[name][:] = value
 

@@ -1,4 +1,6 @@
-"""``[fmu]`` of a map: uncertain numbers of an FMU, possible causes of its deviation, and its inputs and steps."""
+"""The keys of ``[fmu]`` in a map: uncertain numbers of an FMU, possible causes of its deviation, and its inputs and
+steps.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ import msgspec
 class BaseKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """``[fmu.base.NAME]``: a number that differs between specimens, ``value`` ± ``spread`` (one standard deviation).
 
-    Default of ``value``: that of the FMU. Without ``spread`` the prior is uniform from ``low`` to ``high``.
+    Without ``value`` the value of the FMU is used. Without ``spread`` the prior is uniform from ``low`` to ``high``.
     ``per_run``: each record has its own value, such as a state at its start.
     """
 
@@ -23,7 +25,7 @@ class BaseKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 class ShapeKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """``[fmu.effects.NAME.shapes.VARIABLE]``: a variable without effect while the effect is missing."""
+    """``[fmu.effects.NAME.shapes.VARIABLE]``: a variable that matters only while the effect is present."""
 
     tried: list[str]
     low: str | None = None
@@ -32,7 +34,9 @@ class ShapeKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
 
 class EffectKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """``[fmu.effects.NAME]``: a ``variable`` that is ``off`` while the effect is missing, and its size."""
+    """``[fmu.effects.NAME]``: an effect that a ``variable`` controls. At the value ``off`` the effect is missing;
+    ``typical`` is its usual size.
+    """
 
     variable: str
     typical: str
@@ -49,7 +53,9 @@ class EffectKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
 
 class SurfaceKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """``[[fmu.surfaces]]``: an unknown term of an input or an output, ``over`` two signals with their ranges."""
+    """``[[fmu.surfaces]]``: an unknown term that is added to the input or output ``signal``. It depends on the two
+    signals in ``over``, given with their ranges.
+    """
 
     signal: str
     over: dict[str, tuple[str, str]]
@@ -58,7 +64,9 @@ class SurfaceKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
 
 class MeasuredKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """``[fmu.measured.SIGNAL]``: typical errors of a measured signal, and its possible causes."""
+    """``[fmu.measured.SIGNAL]``: typical errors of a measured signal, and which measurement errors are tested as
+    causes.
+    """
 
     offset: str | None = None
     delay: str | None = None

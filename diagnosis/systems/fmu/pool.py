@@ -24,8 +24,8 @@ _CALLS: Final = {
 
 
 class FmuPool:
-    """Simulates one FMU; `simulate` may be called from several threads. Raises DiagnosisError if it cannot be
-    unpacked.
+    """Simulates one FMU in worker processes. Several threads may call `simulate`. Raises DiagnosisError if the FMU
+    cannot be unpacked.
     """
 
     def __init__(self, fmu: Fmu, timeout: float = TIMEOUT) -> None:
@@ -37,8 +37,8 @@ class FmuPool:
             raise DiagnosisError(str(error)) from None
 
     def simulate(self, request: SimulationRequest) -> NDArray[Any]:
-        """Return the outputs (n, k) of a simulation. Raises DiagnosisError if the FMU refuses a call, crashes or
-        hangs.
+        """Return the outputs (n, k) of a simulation. Raises DiagnosisError if the FMU refuses a call, crashes or does
+        not respond.
         """
         try:
             worker = self._free.pop()

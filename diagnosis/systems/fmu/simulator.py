@@ -1,7 +1,7 @@
-"""An FMU as a simulator: worker processes replay measured inputs, and errors of sensors are applied here.
+"""An FMU as a simulator: worker processes replay measured inputs, and this module adds errors of sensors.
 
-The outputs of an FMU depend only on its inputs, start values and communication step. They are cached: a cause that
-only changes the reading of an output needs no simulation.
+The outputs of an FMU depend only on its inputs, start values and communication step. They are cached: a cause that only
+changes the reading of an output needs no simulation.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _WHOLE: Final = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class OfVariable:
-    """An effect of a variable: at the value ``off`` (SI) it is missing."""
+    """Connection of an effect to a variable of the FMU. At the value ``off`` (SI) the effect is missing."""
 
     variable: Variable
     off: float
@@ -52,7 +52,9 @@ class OfVariable:
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """Inputs that have a column, communication step (s; None: that of the grid), and settle time (s)."""
+    """How the FMU is driven: inputs with a column in the data, communication step (s; None: that of the grid), settle
+    time (s), and ``hold``.
+    """
 
     inputs: tuple[Variable, ...]
     step: float | None
@@ -61,7 +63,7 @@ class Drive:
 
 
 class FmuSimulator(CompleteSimulator):
-    """The simulator. ``unnamed`` are surfaces, each with the signal that it is added to.
+    """The simulator of an FMU. ``unnamed`` are the surfaces of unknown terms, each with the signal that it is added to.
 
     ``preset`` holds values (SI) of variables that replace the FMU's own.
     """
@@ -110,7 +112,7 @@ class FmuSimulator(CompleteSimulator):
         return np.column_stack([read_as(one.name, added[one.name], time, drawn) for one in self.channels])
 
     def sharpened(self, runs: Sequence[MeasuredRun], channels: Sequence[Channel]) -> Mapping[str, Hypothesis]:
-        """Return the hypotheses of held outputs, with their periods from the data."""
+        """Return the hypotheses of outputs whose readings are held, with the periods found in the data."""
         places = {one.name: k for k, one in enumerate(self.channels)}
         expected = list(self.run_many([Job(run.experiment, {}, {}) for run in runs]))
         found: dict[str, Hypothesis] = {}
@@ -163,7 +165,7 @@ class FmuSimulator(CompleteSimulator):
         return values
 
     def _feedback(self, effects: Effects) -> tuple[Feedback, ...]:
-        """Return the surfaces that are added to inputs, in the form of the FMU's process."""
+        """Return the surfaces that are added to inputs, in the form that the worker process needs."""
         columns = {one.name: k for k, one in enumerate(self._drive.inputs)}
         order = dict(
             zip(self._asked, _order([self.fmu.variables[name] for name in self._asked]), strict=True)
@@ -258,7 +260,7 @@ class FmuSimulator(CompleteSimulator):
 
 
 def _of_base(parameters: Mapping[str, float]) -> dict[str, dict[str, float]]:
-    """Return the sensor errors of the base as effects: ``offset.force`` has one parameter."""
+    """Return the sensor errors among the base parameters, such as ``offset.force``, in the form of effects."""
     names = {"gain": "gain", "offset": "offset", "drift": "rate", "lag": "lag", "latency": "delay"}
     found = {}
     for name, value in parameters.items():
@@ -269,8 +271,8 @@ def _of_base(parameters: Mapping[str, float]) -> dict[str, dict[str, float]]:
 
 
 def _held(at: Array, parts: int, hold: str, straight: Sequence[bool]) -> Array:
-    """Return the inputs ((n − 1)·parts, m) of each communication step; those not ``straight`` are piecewise
-    constant.
+    """Return the inputs ((n − 1)·parts, m) of each communication step. Inputs are interpolated linearly if ``straight``
+    (m,), otherwise piecewise constant.
     """
     where = {"begin": 0.0, "middle": 0.5, "end": 1.0}[hold]
     shares = (np.arange(parts)[np.newaxis, :, np.newaxis] + where) / parts
@@ -312,7 +314,7 @@ def _references(outputs: Sequence[Variable]) -> dict[str, list[int]]:
 
 
 def _order(outputs: Sequence[Variable]) -> list[int]:
-    """Return the column of each output in the answer, which groups outputs by type."""
+    """Return the column of each output in the result of the worker, which groups outputs by type."""
     types = list(dict.fromkeys(one.type for one in outputs))
     places = sorted(range(len(outputs)), key=lambda k: types.index(outputs[k].type))
     return [places.index(k) for k in range(len(outputs))]

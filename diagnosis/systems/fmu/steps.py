@@ -22,7 +22,7 @@ _MOVED: Final = 0.1
 
 
 def step_doubts(simulator: FmuSimulator, runs: Sequence[MeasuredRun]) -> Iterator[str]:
-    """Yield a sentence for each output and each number of the base that the communication step changes noticeably."""
+    """Yield a sentence for each output, and each base parameter, that depends noticeably on the communication step."""
     few = _few(runs)
     step = simulator.step_of(few[0].experiment)
     finer = simulator.with_step(0.5 * step)
@@ -44,7 +44,7 @@ def step_doubts(simulator: FmuSimulator, runs: Sequence[MeasuredRun]) -> Iterato
 
 
 def _few(runs: Sequence[MeasuredRun]) -> list[MeasuredRun]:
-    """Return the run that moves least, the middle one, and the one that moves most."""
+    """Return three runs: with the least motion, with a medium motion, and with the largest motion."""
     moved = sorted(runs, key=lambda one: float(np.nanmax(np.nanstd(one.outputs, axis=0), initial=0.0)))
     return [moved[k] for k in sorted({0, len(moved) // 2, len(moved) - 1})]
 
@@ -56,10 +56,10 @@ def _biases(
     changes: Sequence[Array],
     times: float,
 ) -> Iterator[str]:
-    """Yield sentences on the first-order bias of numbers of the base by the error of the step.
+    """Yield sentences on base parameters that the error of the communication step shifts noticeably.
 
-    δ = (n JᵀJ + S)⁻¹ n Jᵀ e with e the error of these runs over the noise, J the sensitivity to each number, S the
-    prior precision, and n (``times``) the ratio of all data to these runs.
+    The shift is δ = (n JᵀJ + S)⁻¹ n Jᵀ e, with e the error of these runs divided by the noise, J the sensitivity to
+    each parameter, S the prior precision, and n (``times``) the ratio of all data to these runs.
     """
     noise = np.array([channel.noise for channel in simulator.channels])
     noisy, base = noise > 0.0, simulator.nuisances
@@ -84,14 +84,14 @@ def _biases(
 
 
 def _divided_by_noise(outputs: Sequence[Array], noisy: NDArray[np.bool_], noise: Array) -> Array:
-    """Return the outputs divided by the noise, as one row."""
+    """Return the outputs of all runs divided by the noise, as one array of one dimension."""
     return np.concatenate([(one[:, noisy] / noise[noisy]).ravel() for one in outputs])
 
 
 def _moved(
     simulator: FmuSimulator, one: Nuisance, runs: Sequence[MeasuredRun], now: Sequence[Array]
 ) -> list[Array]:
-    """Return the change of the outputs of each run per unit of a number."""
+    """Return the change of the outputs of each run per unit of a base parameter."""
     by = _MOVED * one.spread
     if one.nominal + by > one.high:
         by = -by

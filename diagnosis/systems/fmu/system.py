@@ -1,4 +1,4 @@
-"""An FMU with the ``[fmu]`` of a map, as a system for mapped files."""
+"""Builds a system for mapped files from an FMU and the ``[fmu]`` keys of a map."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ class _Maker:
         return None if text is None else quantity(text, "s", f"{self.where}: fmu.{key}")
 
     def _with_units(self, fmu: Fmu) -> Fmu:
-        """Return the FMU; variables without a unit get that of the map, else 1."""
+        """Return the FMU with a unit for each variable: its own, else that of the map, else 1."""
         units = dict(self.units)
         for name, text in self._quantities():
             if text and not text.endswith("%") and (unit := text.strip().partition(" ")[2].strip()):
@@ -121,7 +121,7 @@ class _Maker:
         return replace(fmu, variables=variables)
 
     def _quantities(self) -> Iterator[tuple[str, str | None]]:
-        """Yield the quantities that the map gives to variables, each with the name of its variable."""
+        """Yield all quantities in the map that belong to variables, as pairs of the variable's name and the text."""
         for name, base in self.keys.base.items():
             yield from ((name, text) for text in (base.value, base.low, base.high, base.spread))
         for one in self.keys.effects.values():
@@ -206,7 +206,7 @@ class _Maker:
         )
 
     def _setting(self, one: Variable) -> SystemSetting:
-        """Return the setting for a value of whole files. An input without a column has no default."""
+        """Return a setting for a variable that is constant in each file. An input without a column has no default."""
         default = None if one.causality == "input" else self._default_value(one)
         low, high = (one.unit.to_si(bound) for bound in (one.low, one.high))
         about = f"{one.description or one.name}; a column or a value for whole files"
@@ -220,7 +220,7 @@ class _Maker:
         ranges: Mapping[str, float],
         delay: float,
     ) -> FmuSimulator:
-        """Return the simulator for ``ranges`` of the signals (SI) and a typical ``delay`` of each (s)."""
+        """Return the simulator. ``ranges`` (SI) are those of the signals, ``delay`` (s) is a typical delay of each."""
         keys = self.keys
         base, own, sensors, surfaces = self._read_keys(driven, channels, ranges, delay)
         catalogue: dict[str, Hypothesis] = {name: one for name, (one, _) in own.items()}
@@ -250,7 +250,9 @@ class _Maker:
         dict[str, Hypothesis],
         tuple[tuple[str, TensorSplines], ...],
     ]:
-        """Return base, effects, sensor errors and surfaces of the valid keys; store errors of the others."""
+        """Return base parameters, effects, sensor errors and surfaces from all valid keys, and store the errors of
+        invalid keys.
+        """
         keys = self.keys
         sensors = measurement_effects(self._measured(driven, channels, ranges, delay))
         sensors = {name: one for name, one in sensors.items() if name.partition(".")[0] in self._causes(name)}
@@ -361,7 +363,7 @@ class _Maker:
         return one
 
     def _default_value(self, one: Variable) -> float | None:
-        """Return the value (SI) of a variable without a value in the map."""
+        """Return the value (SI) of a variable if the map gives none: from the parameter set, else from the FMU."""
         own = None if one.start is None else one.unit.to_si(one.start)
         return self.preset.get(one.name, own)
 
@@ -369,7 +371,7 @@ class _Maker:
         return self._default_value(one) if text is None else self._quantity(one, text, where)
 
     def _spread(self, one: Variable, text: str, value: float, where: str) -> float:
-        """Return a standard deviation, given in a unit or as a percentage of the value."""
+        """Return a standard deviation in SI. The text has a unit, or gives a percentage of the value."""
         if text.strip().endswith("%") and one.unit.si != "1":
             spread = abs(value) * quantity(text, "1", where)
         else:
@@ -496,14 +498,14 @@ class _Maker:
         )  # fmt: skip
 
     def _shown(self, unit: str, si: str) -> tuple[str, float]:
-        """Return a unit with its factor to SI; ("", 1) for a unit of another quantity or with an offset."""
+        """Return a display unit with its factor to SI; ("", 1) if it is for another quantity or has an offset."""
         found = self.known.get(unit)
         right = found is not None and found.si == si and found.zero == 0.0
         return (unit, found.factor) if right and found is not None else ("", 1.0)
 
     def _shown_in(self, text: str, si: str, otherwise: str = "") -> tuple[str, float]:
-        """Return the unit of a written quantity with its factor, see `_shown`; ``otherwise`` is used for a
-        percentage.
+        """Return the unit of a quantity in the map with its factor, as `_shown` does. For a percentage the unit
+        ``otherwise`` is used.
         """
         unit = text.strip().partition(" ")[2].strip()
         return self._shown(unit if unit in self.known and self.known[unit].si == si else otherwise, si)

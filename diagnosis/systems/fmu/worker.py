@@ -1,6 +1,7 @@
 """The worker process that simulates an FMU.
 
-Before each call it notes the call and its time in a file, which its parent reads after a crash.
+Before each call of the FMU it writes the name and the time of the call to a file, which the parent process reads after
+a crash.
 """
 
 from __future__ import annotations
@@ -33,10 +34,10 @@ INSTANTIATE, INITIALISE, STEP, DONE = 1.0, 2.0, 3.0, 4.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Feedback:
-    """A surface over two signals that is added to an input: an unknown term of the FMU's equations.
+    """A surface over two signals that is added to an input: an unknown term in the FMU's equations.
 
-    ``over`` holds for each signal whether it is an input, its column, and its unit (SI = factor · number + zero);
-    ``size`` is the size of 1 SI unit in the input's unit.
+    ``over`` holds for each signal whether it is an input, its column, and its unit (SI = factor · number + zero).
+    ``size`` is the value of 1 SI unit in the unit of the input.
     """
 
     column: int
@@ -49,10 +50,10 @@ class Feedback:
 class SimulationRequest:
     """One simulation: start values, inputs, and the outputs to return.
 
-    ``start`` has value references and values by type. ``inputs`` has value references and columns by type; of these,
-    ``at`` (n, m) are the inputs at the samples, and ``held`` ((n − 1)·parts, m) those of each communication step of
-    ``step`` s. Before the first sample inputs are held for ``settle`` communication steps. All numbers are in the units
-    of the FMU.
+    ``start`` has value references and values by type. ``inputs`` has value references and columns by type. The columns
+    refer to ``at`` (n, m), the inputs at the samples, and ``held`` ((n − 1)·parts, m), the inputs in each communication
+    step of ``step`` s. Before the first sample the inputs stay constant for ``settle`` communication steps. All numbers
+    are in the units of the FMU.
     """
 
     start: Mapping[str, tuple[Sequence[int], Sequence[float]]]
@@ -67,7 +68,7 @@ class SimulationRequest:
 
 
 class _Simulation:
-    """The FMU in this process."""
+    """The FMU that is loaded in this process."""
 
     def load(self, message: tuple[Fmu, Path]) -> None:
         """Load the library of an FMU from its unpacked folder."""
@@ -81,7 +82,7 @@ class _Simulation:
         pack_into("dd", self.mark, 0, call, time)
 
     def run(self, request: SimulationRequest) -> NDArray[np.float64]:
-        """Return the outputs (n, k)."""
+        """Simulate a request and return the outputs (n, k)."""
         self.note(INSTANTIATE, 0.0)
         keeps = self.fmu.keeps_state and request.settle > 0
         begin = -request.settle * request.step
@@ -101,7 +102,7 @@ class _Simulation:
         self.fmi.fmu.component = None
 
     def _start(self, request: SimulationRequest, begin: float) -> None:
-        """Create an instance and simulate to the first sample."""
+        """Create an instance of the FMU, and simulate it up to the first sample."""
         self.fmi.instantiate()
         for kind, (references, values) in request.start.items():
             self.fmi.set(kind, references, values)
@@ -116,7 +117,9 @@ class _Simulation:
             self.fmi.do_step(time, request.step)
 
     def _restore(self, request: SimulationRequest, begin: float) -> None:
-        """Restore the state at the first sample; without a saved state, simulate to there and save it."""
+        """Restore the state at the first sample. If it was not saved before, simulate up to the first sample and save
+        the state.
+        """
         key = (str(request.start), request.at[0].tobytes(), request.step, request.settle)
         if key in self.kept:
             self.kept.move_to_end(key)
@@ -152,9 +155,9 @@ class _Simulation:
     def _simulate_fed_back(
         self, request: SimulationRequest, inputs: _Inputs, outputs: _Outputs
     ) -> NDArray[np.float64]:
-        """Return the outputs as `_simulate`, with surfaces added to inputs.
+        """Return the outputs as `_simulate` does, with surfaces added to inputs during the simulation.
 
-        Outputs in the middle of a communication step are extrapolated from the last two.
+        In the middle of a communication step, outputs are extrapolated from their last two values.
         """
         from diagnosis.systems.splines import spline_value
 
@@ -192,7 +195,7 @@ def _reals(kind: str) -> bool:
 
 
 class _Inputs:
-    """Sets rows of inputs."""
+    """Sets the inputs of the FMU from rows of an array."""
 
     def __init__(self, fmi: Any, request: SimulationRequest) -> None:
         self.fmi = fmi
@@ -215,7 +218,7 @@ class _Inputs:
 
 
 class _Outputs:
-    """Collects rows of outputs, grouped by type."""
+    """Reads the outputs of the FMU, grouped by type, into rows of an array."""
 
     def __init__(self, fmi: Any, request: SimulationRequest, rows: int) -> None:
         self.fmi = fmi
@@ -246,7 +249,7 @@ class _Outputs:
 
 
 def main() -> None:
-    """Load the FMU of the first request, and simulate it for each of the others."""
+    """Answer requests from the parent process: the first loads the FMU, each further one is a simulation."""
     pipes, simulation = RequestPipes(), _Simulation()
     pipes.answer(simulation.load)
     while True:

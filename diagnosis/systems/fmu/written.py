@@ -28,7 +28,7 @@ _DIGITS: Final = 9
 
 
 def write_found(folder: Path, finding: Finding, simulator: FmuSimulator) -> None:
-    """Write both files into a folder. Raises OSError."""
+    """Write the TOML file and the parameter set of a finding into a folder. Raises OSError."""
     values = simulator.starts(None, finding.models.after, finding.models.effects)
     per_run = {one.name for one in simulator.nuisances if one.per_run}
     values = {name: value for name, value in values.items() if name not in per_run}
@@ -37,7 +37,9 @@ def write_found(folder: Path, finding: Finding, simulator: FmuSimulator) -> None
 
 
 def write_identified(path: Path, found: Identification, simulator: Simulator, digest: str) -> None:
-    """Write the identified parameters of a simulator as TOML, for an FMU also as a parameter set. Raises OSError."""
+    """Write the identified parameters of a simulator as TOML. For an FMU also write a parameter set (SSV). Raises
+    OSError.
+    """
     identity = simulator.identity if isinstance(simulator, FmuSimulator) else simulator.name
     rows = [
         f"# {identity}",
@@ -126,8 +128,10 @@ def _ssv(fmu: Fmu, values: Mapping[str, float]) -> bytes:
 
 
 def read_values(path: Path, fmu: Fmu, where: str) -> dict[str, float]:
-    """Return the values (SI) that a parameter set (SSV) gives variables of an FMU. Raises DiagnosisError for another
-    file format and for units that differ from the FMU's. Raises FmuError for unknown variables.
+    """Return the values (SI) of FMU variables in a parameter set (SSV).
+
+    Raises DiagnosisError for another file format and for units that differ from those of the FMU. Raises FmuError for
+    unknown variables.
     """
     require_fmpy()
     from fmpy.ssp.ssd import read_ssv
