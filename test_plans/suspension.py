@@ -66,9 +66,7 @@ class Suspension:
         self._wanted_by = "" if self._wanted_by else by
 
     def hold(self, run: Asking, where: str, within: float) -> None:
-        """Hold the bench until the run is released. Raises HeldTooLong after ``within`` s. The request is cleared at
-        the end.
-        """
+        """Hold the bench until the run is released. After ``within`` s clear the request and raise HeldTooLong."""
         bench = run.bench
         self._held_at = where
         try:

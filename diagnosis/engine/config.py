@@ -46,7 +46,7 @@ class Config:
 PANEL_FDR: Final = 0.01
 #: Number of samples that a test of a whole run needs for its asymptotic distribution.
 LEAST_SAMPLES: Final = 100
-#: A test of harmonics needs fewer: it compares with a sine that is known.
+#: A test of harmonics needs fewer samples, because it compares with a known sine.
 LEAST_OF_A_SINE: Final = 50
 #: Lags of the Ljung-Box test: a few tenths of a second at the rates of these benches.
 LJUNG_BOX_LAGS: Final = 40
@@ -54,66 +54,71 @@ LJUNG_BOX_LAGS: Final = 40
 DRIFT_BLOCKS: Final = (48, 16, 5)
 #: Below this frequency in Hz, gas and rubber are slow enough for a loop to count as quasi-static.
 QUASI_STATIC_HZ: Final = 0.25
-#: Time constants in s of what may settle during a hold, half a decade apart.
+#: Time constants (s) that are tried for a drift during a hold, half a decade apart.
 SETTLING_S: Final = (0.3, 1.0, 3.0, 10.0, 30.0)
-#: Samples in a hold without which an exponential is not distinguished from a line.
+#: Smallest number of samples in a hold. With fewer samples an exponential cannot be distinguished from a line.
 LEAST_OF_A_HOLD: Final = 200
-#: Bins along each side of a surface of the error, equally filled along each coordinate.
+#: Number of bins along each coordinate of a surface of the error. All bins of a coordinate hold equally many samples.
 SURFACE_BINS: Final = 7
-#: Samples that the mean of one bin needs.
+#: Smallest number of samples for the mean of one bin.
 LEAST_IN_BIN: Final = 30
-#: Blocks of a parity signal, whose means are compared.
+#: Number of blocks of a parity signal. Their means are compared.
 PARITY_BLOCKS: Final = 24
-#: Draws of the noise that the F statistic of a parity signal is compared with: twelve times as many means.
+#: Number of draws of the noise for the F statistic of a parity signal. They give twelve times as many means as the
+#: data.
 PARITY_DRAWS: Final = 12
-#: Draws from the covariance for the uncertainty of predicted checks: they give a standard deviation to a sixth.
+#: Number of draws from the covariance for the uncertainty of predicted checks. They give the standard deviation to
+#: about a sixth.
 CHECK_DRAWS: Final = 20
-#: Samples that a drawn autoregression runs before its first one counts, so that it has forgotten its start.
+#: Number of samples that a drawn autoregression skips, so that its start has no effect.
 PARITY_BURN_IN: Final = 200
-#: Cycles belong to one stretch while period and height agree within this part: an amplitude or frequency of a plan
-#: differs from the next by more.
+#: Cycles belong to one stretch if period and height differ by at most this part. The amplitudes and frequencies of a
+#: plan differ by more.
 SAME_CYCLE: Final = 0.05
-#: Share of the variance that a sine must explain to be taken for one; a triangle's fundamental explains 0.986.
+#: Smallest share of the variance that a sine must explain if the motion is to count as a sine. For a triangle it is
+#: 0.986.
 SINE_SHARE: Final = 0.995
-#: Fewer equal cycles than this have no scatter from which a test could be made.
+#: Smallest number of equal cycles for a test. Fewer have no scatter.
 LEAST_CYCLES: Final = 3
-#: An input holds still while it stays within this part of its range in the run …
+#: An input is at rest if it stays within this part of its range in the run …
 STILL_SHARE: Final = 0.01
 #: … for this many seconds.
 LEAST_HOLD_S: Final = 5.0
 
 # -- step 2, base parameters, and every later fit: base_model.py, fitting/ ---------------------------------------------
 
-#: Steps that a fit may take while models are compared: a fit that needs more is far from any other.
+#: Largest number of steps of a fit for the comparison of models. A fit that needs more is far from any other.
 FIT_STEPS: Final = 30
-#: Steps of the model that is reported.
+#: Largest number of steps of the fit of the reported model.
 REPORTED_FIT_STEPS: Final = 150
-#: A fit ends where the next step would lower χ² by less than this: far below any level that χ² is compared with.
+#: A fit ends if the next step would reduce χ² by less than this. That is far below any level that χ² is compared with.
 FIT_TOLERANCE: Final = 0.01
-#: Relative tolerance at which the fit stops, per unit of χ² beyond the noise: finite differences resolve no more.
+#: The same relative to χ² beyond the noise, because finite differences do not resolve more.
 FIT_RELATIVE_TOLERANCE: Final = 1e-5
-#: A step that gains less than this part of the predicted decrease was taken with poor columns: they are computed again.
+#: If a step gains less than this part of the predicted decrease, its columns were poor and are computed again.
 POOR_STEP: Final = 0.75
-#: A step that gains this part of the predicted decrease had good columns: a failure after it is one of length.
+#: If a step gains this part of the predicted decrease, its columns were good. If the next step fails, it was too long.
 GOOD_STEP: Final = 0.9
 #: A step is taken if it gains this part of the predicted decrease.
 LEAST_STEP: Final = 0.01
-#: A fit gives up where a step would close less than this part of its gap to a better model.
+#: A fit gives up if a step would close less than this part of the gap to a better model.
 HOPELESS_STEP: Final = 0.02
-#: Better columns are not worth their simulations for a predicted decrease of χ² below this.
+#: Better columns are computed only if the predicted decrease of χ² is at least this.
 WORTH_NEW_COLUMNS: Final = 1.0
 #: If a step fails with at least this damping, the columns of the nuisances are computed again.
 DOUBTFUL_DAMPING: Final = 0.01
-#: Part of a squared step that the effects' own parameters must make for Broyden's rule to learn from it.
+#: Broyden's rule is applied only if the parameters of effects make at least this part of the squared step.
 BROYDEN_SHARE: Final = 0.01
-#: Differences on both sides of a point that are apart by this part of their square are apart by more than curvature.
+#: If the differences on both sides of a point differ by more than this part of their square, the reason is a jump and
+#: not curvature.
 SPOILT: Final = 1e-4
-#: The same for footprints at a step and at half of it, as a part of the square of the projected footprint.
+#: The same for footprints with a step and with half of it, relative to the square of the projected footprint.
 SPOILT_FOOTPRINT: Final = 0.1
-#: Part of the largest eigenvalue below which one is rounding: some hundred times the precision of a double.
+#: Eigenvalues below this part of the largest one are rounding errors. It is some hundred times the precision of a
+#: double.
 EIGENVALUE_FLOOR: Final = 1e-13
-#: Part of the square of a column that must be left after a projection: difference quotients, kept in single precision,
-#: are right to about four digits.
+#: Part of the square of a column that must remain after a projection. Difference quotients have single precision and
+#: are accurate to about four digits.
 VISIBLE_PART: Final = 1e-8
 #: Weight of the information on effects that stay fixed while a surface is fitted.
 FIXED_WEIGHT: Final = 1e4
@@ -122,169 +127,177 @@ FLAT_WEIGHT: Final = 1e-6
 
 # -- step 3, the noise: noise.py, noise_estimate.py, whitening.py ------------------------------------------------------
 
-#: Highest order of the autoregression; BIC takes fewer.
+#: Highest order of the autoregression. BIC may choose a lower one.
 AR_ORDER: Final = 10
-#: Autocorrelations below this count as none.
+#: Autocorrelations below this count as 0.
 FORGOTTEN: Final = 1e-3
 #: Number of further predecessors for the prediction of a sample if some are missing.
 BRIDGED_GAP: Final = 4
-#: No channel is assumed to have less noise than this part of its data sheet's value, which is an upper bound.
+#: The noise of a channel is assumed to be at least this part of the value in its data sheet, which is an upper bound.
 LEAST_OF_DATA_SHEET: Final = 0.5
-#: Pairs of samples that a lag needs for each order of the autoregression.
+#: Smallest number of pairs of samples for a lag, per order of the autoregression.
 PAIRS_PER_ORDER: Final = 20
-#: Blocks of all runs together over which scores scatter: each is far longer than the noise remembers.
+#: Number of blocks, over all runs together, for the scatter of the scores. Each is far longer than the correlation time
+#: of the noise.
 DISPERSION_BLOCKS: Final = 256
 
 # -- steps 4 and 5, scores and their threshold: footprints.py, screening.py, threshold.py ------------------------------
 
-#: Draws of the largest of all scores under chance, in each of two rounds. All of the second are about as rare as what
-#: is looked for: the quantile scatters by 0.002, as it would with some five million plain draws.
+#: Number of draws of the largest score by chance, in each of two rounds. In the second round all draws are near the
+#: quantile, so it scatters by only 0.002, as with some five million plain draws.
 THRESHOLD_DRAWS: Final = 6_000
-#: Distance of the second round below the quantile of the first, which scatters by a fifth of it.
+#: How far the level of the second round is below the quantile of the first. The first quantile scatters by a fifth of
+#: this.
 THRESHOLD_MARGIN: Final = 0.1
 
 # -- step 6, fit and gates: trials.py, gates.py, family.py, admission.py, rivals.py, backward.py -----------------------
 
 #: Number of the best scores whose confusers and richer relatives are also tried.
 WITH_RELATIVES: Final = 2
-#: χ² of two standard deviations of one parameter. A range is violated if more would be gained beyond its end; where no
-#: step of a fit is short enough, the fit has converged if its predicted decrease is smaller.
+#: χ² of two standard deviations of one parameter. A range is violated if more than this would be gained beyond its end.
+#: If even the shortest step of a fit fails, the fit has converged if its predicted decrease is smaller than this.
 TWO_SIGMA_CHI2: Final = 4.0
-#: A base parameter this many prior standard deviations from its nominal value is no longer assumed …
+#: A base parameter may move this many prior standard deviations from its nominal value …
 STRAINED_PRIOR: Final = 4.0
-#: … and a cause is blamed for it if it needs this many more than the model without it.
+#: … or this many further than in the model without the cause. Beyond both, the cause is unphysical.
 FURTHER_STRAIN: Final = 1.0
-#: From this number on every named cause is doubtful; the report prints this before the verdict.
+#: A base parameter this many prior standard deviations from its nominal value makes every named cause doubtful. The
+#: report prints this before the verdict.
 CONTRADICTED_PRIOR: Final = 10.0
-#: A noise floor is known to about a tenth, and the replay of a measured motion leaves a tenth more of a sound bench: in
-#: squares, together a quarter. Below it there is no misfit of which a cause could be asked to explain a part.
+#: A noise floor is known to about a tenth, and the replay of a measured motion adds a tenth on a sound bench: together
+#: a quarter in squares. Below it there is no misfit that a cause could explain.
 FLOOR_SLACK: Final = 1.25
 #: Number of consecutive samples at rest that determine the noise.
 LEAST_AT_REST: Final = 50
 #: Number of rivals that are tried instead of each accepted effect.
 RIVALS: Final = 4
-#: Number of causes, each unphysical alone, that are tried in pairs.
+#: Number of candidates, each unphysical alone, that are tried in pairs.
 PAIRED: Final = 4
-#: What passes the gates must gain this part of the BIC that the best unphysical trial gains, or it is no substitute.
+#: A trial that passes the gates must gain at least this part of the BIC that the best unphysical trial gains.
 SUBSTITUTE: Final = 0.1
 #: A rival must gain this part of the BIC that the accepted effect gains.
 COMPARABLE: Final = 0.5
-#: Finite amplitudes, in expected ones, for the simulation of effects with low scores: finite_sizes.py.
+#: Finite amplitudes for the simulation of effects with low scores, relative to the expected one: finite_sizes.py.
 SIZES: Final = (0.2, 1.0, 5.0)
-#: Number of the most promising candidates there that are fitted.
+#: Number of the most promising candidates of finite_sizes.py that are fitted.
 FINITE_FITS: Final = 3
-#: An effect that changes the outputs by this many times all errors diverges there.
+#: If a finite amplitude changes the outputs by this many times all errors, the simulation diverges.
 LARGEST_CHANGE: Final = 1e3
 
 # -- step 7, unknown terms: unknown.py ---------------------------------------------------------------------------------
 
-#: A surface acts where its coefficients are this many standard deviations from 0 …
+#: A surface differs from 0 where its coefficients are this many standard deviations from 0 …
 CLEAR_COEFFICIENT: Final = 2.0
-#: … and such a part of the largest ones.
+#: … and larger than this part of the largest ones.
 LARGE_COEFFICIENT: Final = 0.25
 
 # -- step 8, the verdict: verdict.py, constancy.py ---------------------------------------------------------------------
 
-#: Part of the χ² explained by the causes from which on a significant rest belongs to the verdict.
+#: A significant remainder belongs to the verdict if it is at least this part of the χ² that the causes explain.
 REMAINDER: Final = 0.01
 #: A surface that predicts the select runs no better is reported only if its p-value is below this.
 UNKEPT_SURFACE_P: Final = 1e-6
-#: Part of what a cause gains that it must still gain together with a surface which imitates it. A stop that was called
-#: a cubic spring kept a hundredth, measured friction under its right name three to seven.
+#: Part of its gain that a cause must keep together with a surface that imitates it. A stop that was called a cubic
+#: spring kept a hundredth; measured friction with the correct name kept three to seven hundredths.
 GAIN_WITH_SURFACE: Final = 0.02
-#: Part of the information on an amplitude that a surface must take away to imitate the effect.
+#: A surface imitates an effect if it removes this part of the information on the amplitude.
 IMITATED_INFORMATION: Final = 0.9
-#: Factor by which a surface may exceed its assumed size together with a cause.
+#: Factor by which a surface may exceed its prior spread in the comparison with a cause.
 WIDER_SURFACE: Final = 10.0
-#: An amplitude saturates where its absence costs so many times the root of χ² that its standard deviation promises.
+#: An amplitude saturates if its λ is more than this many times the value expected from its standard deviation.
 SATURATED: Final = 2.0
-#: Whole runs, halves, quarters and eighths are tested for a constant cause: constancy.py.
+#: Numbers of stretches per run (whole runs, halves, quarters, eighths) in which a cause must be constant: constancy.py.
 STRETCHES: Final = (1, 2, 4, 8)
 #: False-positive probability of the constancy test; it can only remove the name of a cause that is hardly visible.
 CONSTANCY_ALPHA: Final = 0.05
-#: Part of the largest eigenvalue below which a stretch does not separate a cause from its imitation. Difference
-#: quotients are not more exact.
+#: A stretch does not separate a cause from its imitation if an eigenvalue is below this part of the largest one.
+#: Difference quotients are not more exact.
 LEAST_EIGENVALUE: Final = 1e-6
-#: λ of a named cause must be so many times the λ of what the model's form owes in the cause's own directions. Of
-#: oscillators of another form, clear false causes reached 2.4 times at most; of true causes under a roughness of a
-#: fiftieth, on oscillators and benches, none stayed below eight times.
+#: λ of a named cause must be this many times the λ of the errors of the equations in its directions. For oscillators
+#: with other equations, false causes reached at most 2.4. For true causes with a roughness of a fiftieth, on
+#: oscillators and benches, it was at least 8.
 CLEAR_OF_FORM: Final = 3.0
-#: Largest residual on the select runs (RMS over all channels, relative) of a cause that is not due to model form error.
-#: Friction of seals leaves 0.18 there, however rough its own law; false causes of oscillators of another form 0.3 to 1.
+#: A cause is not due to errors of the equations if its remaining error on the select runs (RMS over all channels,
+#: relative) is below this. Friction of seals leaves 0.18, however rough its own law; false causes of oscillators with
+#: other equations leave 0.3 to 1.
 PREDICTED_SHARE: Final = 0.25
-#: Multiple of the noise on the report runs that is worth a sentence.
+#: An error on the report runs is reported from this multiple of the noise on.
 NOISE_RATIO_SHOWN: Final = 1.2
-#: A model that leaves more than so many times the noise on unseen runs lacks a further cause …
+#: If a model leaves more than this multiple of the noise on unseen runs, a further cause is missing …
 REMAINDER_RATIO: Final = 2.0
-#: … and if more than this part of the error is left, the named effect is only similar to the cause.
+#: … and if it leaves more than this part of the error, the named effect is only similar to the cause.
 RELATIVE: Final = 0.5
-#: A cause that removes less than this part of the error on unseen runs gains nothing there, unless the log density of
-#: the select runs rises by half of `DISTINGUISHED`.
+#: A cause that removes less than this part of the error on unseen runs counts as without gain, unless the log density
+#: of the select runs rises by half of `DISTINGUISHED`.
 NO_GAIN: Final = 0.01
 #: A smaller part of the error than this is reported as a small gain.
 GAINS_LITTLE: Final = 0.1
-#: Where more than the noise is left, a rival that leaves at most so many times the error of the cause on unseen runs
-#: predicts them as well.
+#: If more than the noise remains, a rival predicts unseen runs as well as the cause if its error is at most this
+#: multiple of that of the cause.
 PREDICTS_AS_WELL: Final = 1.01
 
 # -- the intervals: model_error.py, intervals.py -----------------------------------------------------------------------
 
-#: Records, or runs, whose scatter states how uncertain a number is: with fewer, the scatter is itself too uncertain.
-#: With fewer report runs, the bootstrap of the gain draws blocks of runs instead of runs.
+#: Smallest number of records, or runs, whose scatter is used as the uncertainty of a parameter. The scatter of fewer is
+#: too uncertain. With fewer report runs, the bootstrap of the gain draws blocks of runs instead of runs.
 LEAST_REPEATS: Final = 6
-#: Spreads of a model's own error that are tried, closer to each other where they are small.
+#: Number of values of τ (the size of an error of the model) that are tried. Small values are closer to each other.
 SPREADS_TRIED: Final = 2000
-#: Information per unit of noise, for coefficients as large as is assumed, from which on a direction reports of them.
+#: A direction of a surface is used for τ only if its information, for coefficients of the prior spread, is this many
+#: times the noise.
 SHOWN_INFORMATION: Final = 100.0
-#: Variances of a cause's amplitude for each unit of χ² that the form of the model owes in its directions. Of 46 causes
-#: rightly named on oscillators of another form intervals hold 45 with it, as with four times as much, and 38 without.
+#: Factor from the excess of χ² of a varying cause to the additional variance of its amplitude. Of 46 causes that were
+#: rightly named on oscillators with other equations, the intervals contain the true value for 45 (also with a factor
+#: four times as large), and for 38 without it.
 OWED_TO_INTERVAL: Final = 0.25
-#: Where χ² at the end of an interval differs by more than this part from the parabola, the valley bends …
+#: If χ² at the end of an interval differs by more than this part from the parabola, the end is searched on χ² …
 BENT: Final = 0.2
-#: … and its own end is sought with at most so many fits.
+#: … with at most this many fits.
 PROFILE_STEPS: Final = 6
 
 # -- what was not seen, and what would decide: confusability.py, next_run.py -------------------------------------------
 
-#: Pairs of footprints with a smaller cosine are not worth a line.
+#: Pairs of footprints with a smaller cosine are not reported.
 WORTH_A_LINE: Final = 0.8
-#: The score exceeds the threshold in 95 % of cases where λ lies above it by this (one-sided normal quantile).
+#: If λ exceeds the threshold by this (one-sided normal quantile), the score exceeds the threshold in 95 % of cases.
 POWER95: Final = 1.6449
-#: An effect is hidden where less than this part of its footprint is left together with the base model.
+#: An effect is hidden if less than this part of its footprint remains after projection on the base model.
 HIDDEN_FOOTPRINT: Final = 0.3
-#: A reference is worth naming if it makes the gap grow by this factor.
+#: A calibration is reported if it increases the BIC gap by this factor.
 WORTH_A_REFERENCE: Final = 2.0
-#: Largest number of references that are named.
+#: Largest number of calibrations that are reported.
 MOST_REFERENCES: Final = 3
 
 # -- step 9, the gain: gain.py -----------------------------------------------------------------------------------------
 
 #: Nominal levels of the predicted intervals whose coverage is tested.
 COVERAGE_LEVELS: Final = (0.50, 0.90, 0.95)
-#: Draws of the bootstrap: the ends of the 95 % interval rest on 50 of them.
+#: Number of draws of the bootstrap. Each end of the 95 % interval has 50 draws beyond it.
 BOOTSTRAPS: Final = 2000
-#: Blocks in a run for the bootstrap: seconds long, so that the memory of the noise stays inside.
+#: Number of blocks in a run for the bootstrap. They are seconds long, far longer than the correlation time of the
+#: noise.
 BOOTSTRAP_BLOCKS: Final = 24
-#: A misfit that exceeds the noise by a smaller factor leaves nothing to explain.
+#: An error that exceeds the noise by a smaller factor counts as noise.
 EXPLAINABLE: Final = 1.05
 
 # -- identification, which asks for no cause: identify.py --------------------------------------------------------------
 
-#: A parameter is identified, and a place of a surface was visited, where the data leave less than this part of the
-#: standard deviation that was assumed.
+#: A parameter is identified, and a place of a surface was visited, if the standard deviation after the fit is less than
+#: this part of that of the prior.
 IDENTIFIED: Final = 0.5
 
 # -- the contract of a simulator: contract_check.py, simulation.py, prior_conflict.py ---------------------------------
 
-#: Largest number of samples that are simulated.
+#: Largest number of samples that the check of the contract simulates.
 CHECKED_SAMPLES: Final = 1000
-#: Prior deviations to which a parameter without a bound is tried, and the largest amplitude that is assumed.
+#: A parameter without a bound is tried up to this many prior standard deviations. It is also the largest assumed
+#: amplitude.
 FAR: Final = 5.0
-#: Allowed deviation of small amplitudes from proportionality, in units of the outputs' size.
+#: Allowed deviation of the effect of small amplitudes from proportionality, relative to the size of the outputs.
 CURVED: Final = 0.1
-#: The rounding of differences, in units of the outputs' size.
+#: Rounding error of differences, relative to the size of the outputs.
 ROUNDING: Final = 1e-12
-#: Size of a parameter without a prior, in steps of its differences.
+#: Size of a parameter without a prior, as a multiple of its difference step.
 STEPS_OF_SIZE: Final = 100.0
 #: Number of parameters reported with an error; those that differ from their nominal values come first.
 PARAMETERS_SHOWN: Final = 12
@@ -295,20 +308,21 @@ PRIORS_SHOWN: Final = 3
 
 #: Blocks of a run whose means are compared to detect a walk.
 WALK_BLOCKS: Final = 12
-#: Ordinates of the periodogram on each side of a line that are its background; fewer than the least are too few.
+#: Number of ordinates of the periodogram on each side of a line that form its background. With fewer than the least
+#: number there is no test.
 LINE_NEIGHBOURS: Final = 24
 LEAST_LINE_NEIGHBOURS: Final = 4
-#: Share of the excess above the noise from which an error is called a line or a walk.
+#: An error is called a line or a walk if this explains at least this share of the excess above the noise.
 MOST_OF_EXCESS: Final = 0.8
 
 # -- jobs for a simulator: fitting/replay.py ---------------------------------------------------------------------------
 
-#: Most jobs that a simulator is given at once: of more the last batches would not keep all workers busy.
+#: Largest number of jobs that a simulator receives at once. With more, some workers would be idle at the end.
 MOST_BATCH: Final = 128
-#: Differences in one run from which on a rough simulation of where they begin pays.
+#: If a run needs at least this many differences, an approximate simulation of their common start saves time.
 LEAST_ROUGH: Final = 4
 
 # -- memory: memory.py -------------------------------------------------------------------------------------------------
 
-#: Arrays of columns of at least so many pages get separate pages; those of smaller arrays would be half empty.
+#: Arrays of columns with at least this many pages get separate pages. For smaller arrays the pages would be half empty.
 OWN_PAGES: Final = 64

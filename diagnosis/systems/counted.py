@@ -22,8 +22,8 @@ from diagnosis.systems.motion import abrupt, sensor_noise, sudden
 _REMEMBERED: Final = AR_ORDER
 #: A signal is coarse if its step exceeds this multiple of its noise: then the noise does not change the reading.
 _COARSE: Final = 2.0
-#: A coarse signal is quick where its readings change by more than this part of a step on average over so many of them,
-#: and by more than one step altogether.
+#: A coarse signal counts as fast where its readings change by more than this part of a step on average over a window of
+#: this many readings, and by more than one step in total.
 _QUICK, _QUICK_WINDOW = 0.5, 11
 #: The sensors that show a reversal of each input.
 _SEEN_BY: Final = {

@@ -23,23 +23,25 @@ from numpy.typing import NDArray
 
 from diagnosis.contracts import Array, Hypothesis, MeasuredRun
 
-#: Frequencies are apart by this part of one over the time from the first to the last sample.
+#: The distance of two frequencies is 1/(this number · duration), where the duration is that from the first to the last
+#: sample.
 _FINE: Final = 8
-#: Most samples of a spectrum: samples after some forty minutes of 200 Hz are skipped.
+#: Largest number of samples of a spectrum. Samples after some forty minutes at 200 Hz are not used.
 _LONGEST: Final = 1 << 22
 #: Surroundings of a line, in Hz to either side. Nearer frequencies contain the line itself, because runs are short.
 _NEAR, _FAR = 0.5, 2.0
-#: Power of a line over that of its surroundings. Benches whose readings are not held reach 20, one that holds them for
-#: 25 ms and a thirtieth of their lateness, with λ = 22, 48.
+#: Smallest ratio of the power of a line to that of its surroundings. Benches without held readings reach 20. A bench
+#: with readings held for 25 ms and a thirtieth of their delay (λ = 22) reaches 48.
 _CLEAR: Final = 30.0
-#: Amplitude of a line in |dp/dt|, as a part of the largest one there, from which on the motion may have made it.
+#: If |dp/dt| has a line at the same frequency with at least this part of its largest amplitude, the motion may be the
+#: cause.
 _STEADY: Final = 0.03
-#: A sample up to this time (s) before a refresh belongs to it, because the clock is rounded.
+#: A sample up to this time (s) before a refresh counts as after it, because the clock is rounded.
 _AT_ONCE: Final = 1e-6
-#: Relative uncertainty of a detected period, and the difference for its sensitivity as a part of that.
+#: Relative uncertainty of a detected period, and its difference step as a part of this uncertainty.
 _KNOWN: Final = 1e-5
 _DIFFERENCE: Final = 0.3
-#: Periods that are tried around a line, one frequency of the spectrum to either side.
+#: Number of periods that are tried around a line, up to one frequency step of the spectrum on both sides.
 _TRIED: Final = 201
 
 

@@ -36,21 +36,21 @@ from diagnosis.systems.cutting import pieces_by_reversals
 from diagnosis.systems.map_file import Column, Map
 from diagnosis.systems.system import System
 
-#: Number of runs that are simulated with other readings.
+#: Number of runs that are simulated with other readings of the columns.
 _RUNS: Final = 3
-#: A better reading leaves at most this part of an error's power.
+#: Another reading is better if at most this part of the power of an error remains.
 _BETTER: Final = 0.25
-#: Lower than this part of the pressure of the air around it, and longer than one sample in a hundred.
+#: A pressure is doubtful if it is below the ambient pressure by this part of it, in more than one sample of a hundred.
 _BELOW: Final = 0.05
-#: A loop covers at least this part of the whole way in both directions.
+#: A loop must cover at least this part of the whole travel in both directions.
 _LOOP: Final = 0.2
-#: Loops needed, and the part of them that has to give work.
+#: Smallest number of loops, and the part of them that must deliver work.
 _LOOPS, _GIVING = 3, 0.8
-#: Ways that differ by less than this part of themselves differ by rounding.
+#: Relative differences of a displacement below this are rounding errors.
 _ROUNDING: Final = 1e-9
-#: With less than this probability chance lets loops give work.
+#: Loops that deliver work are not due to chance if the probability of so many is below this.
 _CHANCE: Final = 1e-3
-#: Few loops that give work do so alike, to such a part of it.
+#: A few loops deliver similar work if their scatter is below this part of the mean.
 _ALIKE: Final = 0.2
 #: Largest number of mistakes that are searched for one after the other.
 _MISTAKES: Final = 3

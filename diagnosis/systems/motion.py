@@ -33,18 +33,18 @@ from bench_sim.model.wiring import sensor_of
 from bench_sim.parameters import Parameters
 from diagnosis.contracts import Array, DiagnosisError
 
-#: Half of the window over which neighbouring third differences are taken to have one size, in samples.
+#: Half of the window (in samples) within which third differences are assumed to have the same size.
 _REACH: Final = 8
-#: Rounds in which the motion and its q come to agree.
+#: Number of iterations for the motion and its q, which depend on each other.
 _ROUNDS: Final = 8
-#: q/σ² to begin with (passes 25 Hz of 200 Hz), and its bounds (pass 3 Hz and everything).
+#: First value of q/σ² (passes 25 Hz of 200 Hz), and its limits (pass 3 Hz, and everything).
 _FIRST, _SMALLEST, _LARGEST = 0.25, 1e-6, 20.0
-#: The smallest one for a bolster that no actuator holds (passes 6.5 Hz). It swings at 2 to 4 Hz by less than the noise
-#: of the sensors, and these swings move forces: a lost 8 µm moves a load cell by 4 N.
+#: Lower limit of q/σ² for a bolster that no actuator holds (passes 6.5 Hz). It oscillates at 2 to 4 Hz by less than the
+#: noise of the sensors, but these oscillations change forces: an error of 8 µm changes a load cell by 4 N.
 _SMALLEST_FREE: Final = 1e-4
-#: The part of q with which a motion is smoothed twice. A quarter is better than once with all of it in everything that
-#: was tried: waves of 0.1 to 12.5 Hz are off by less (4.8 µm instead of 4.9 at 8 Hz), their accelerations too (51 mm/s²
-#: instead of 63), and triangles as much as before.
+#: Factor of q for the double smoothing. In all tests a quarter was better than a single smoothing with the whole q:
+#: smaller errors of waves of 0.1 to 12.5 Hz (4.8 µm instead of 4.9 at 8 Hz) and of their accelerations (51 mm/s²
+#: instead of 63), and equal errors of triangles.
 _TWICE: Final = 0.25
 #: Coefficients of the third difference.
 _THIRD: Final = (-1.0, 3.0, -3.0, 1.0)
@@ -52,14 +52,14 @@ _THIRD: Final = (-1.0, 3.0, -3.0, 1.0)
 _CUBIC: Final = 128.0 / 3.0
 #: Standard deviation (s) of the weights around a sample, to find the part in phase with another motion.
 _IN_STEP: Final = 0.4
-#: χ² of two degrees of freedom up to which it is chance.
+#: Up to this χ² of two degrees of freedom, a part in phase counts as chance.
 _CHANCE: Final = 10.0
-#: Least number of samples to find a motion.
+#: Smallest number of samples from which a motion is computed.
 LEAST: Final = 8
-#: Numbers of samples for means that distinguish motion from noise; motion above 20 or 2 Hz would average out.
+#: Numbers of samples in a mean that distinguishes motion from noise. Motion above 20 Hz or 2 Hz would average out.
 _BLOCKS: Final = (5, 50)
 
-#: The sensors of the positions of bolster and platform.
+#: The sensors that measure the positions of bolster and platform.
 SENSORS: Final = (
     "left.height",
     "right.height",
@@ -68,7 +68,7 @@ SENSORS: Final = (
     "platform.lateral",
     "platform.roll",
 )
-#: Those that measure a roll of the bolster during its lateral motion.
+#: The sensors that also measure a roll of the bolster during its lateral motion.
 _ROLLING: Final = ("left.height", "right.height")
 #: Further readings of the motion, if the bench has them.
 BESIDE: Final = ("lateral.force", "lateral.acceleration")

@@ -24,19 +24,20 @@ from scipy.special import ndtr
 
 from diagnosis.contracts import Array
 
-#: The grids meet after at most so many codes, else one would have to know the steps better than anybody does.
+#: Largest number of codes after which the two grids meet again. For a longer period the steps would have to be known
+#: too exactly.
 _CODES: Final = 32
-#: Noise of at least this part of a step of the wire moves readings about.
+#: The noise must be at least this part of a step of the bus. Then it changes the readings.
 _MOVED: Final = 0.5
 #: A signal moves if it changes by this many times its noise within this many samples.
 _WAY, _WITHIN = 6.0, 40
-#: Readings contradict it if their log likelihood with equal codes is larger by this.
+#: Readings contradict the step of the converter if their log likelihood with equally frequent codes is larger by this.
 _AGAINST: Final = 5.0
-#: Corrections below this part of the noise are none.
+#: Corrections below this part of the noise are not used.
 _LEAST: Final = 1e-3
-#: Corrections that the noise leaves less than this part of are not determined by a mean.
+#: If the noise reduces a correction to less than this part, the mean of the readings does not determine it.
 _SEEN: Final = 0.02
-#: Signals for each code, and standard deviations of the noise around each, that are looked at.
+#: Number of values of the signal per code, and range of the noise in standard deviations, in the computation.
 _SIGNALS, _REACH = 8, 6.0
 
 

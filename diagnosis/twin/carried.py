@@ -39,8 +39,8 @@ class GasOf:
     def carried(
         self, run: MeasuredRun, parameters: tuple[Nuisance, ...], estimate: Estimate, before: float
     ) -> Carried:
-        """Return the gas at a turning point of the pressures in a run: the last one at or before the time ``before``
-        (s).
+        """Return the gas at the moment, shortly before the time ``before`` (s) of a run, at which the pressures change
+        least.
 
         ``estimate`` is that of the ``parameters`` at this time.
         """

@@ -38,16 +38,17 @@ from diagnosis.twin.pairs import Acting, Pairs
 from diagnosis.twin.replays import Replays, Secant, bounded, typical
 from diagnosis.twin.slices import Work
 
-#: So many of the causes that explain most are looked at closely, at the size that they were found to have.
+#: Number of the best causes whose size and start are refined by simulations at their fitted size.
 _CLOSELY: Final = 9
-#: Simulations at a size that was found before: over all beginnings that are possible, and, of so many causes that
-#: explain most, closely around the best.
+#: Number of simulations at a fitted size: over all possible starts, and then closely around the best start for the best
+#: causes.
 _ROUNDS: Final = 2
 _FINE_ROUNDS: Final = 2
 _FINELY: Final = 3
 #: Number of causes that are tried as the first of two.
 _FIRSTS: Final = 2
-#: Sizes, in ordinary ones, at which causes are tried: large ones only where no small one explains the stretch.
+#: Sizes at which causes are tried, relative to the typical one. Large ones are tried only if no small one explains the
+#: stretch.
 _SIZES: Final = (1.0, 5.0)
 #: Time (s) after the start of a stretch from which a new cause is distinguished from an earlier one.
 _LATE: Final = BLOCK
@@ -57,7 +58,7 @@ _ALIKE: Final = 9.0
 
 #: Bins before and after the start of the deviation at which a cause may have begun: whole blocks.
 _NEAR: Final = tuple(BINS * block for block in (-30, -24, -16, -12, -8, -6, -4, -3, -2, -1, 0, 1, 2))
-#: The same where it is looked for closely.
+#: The same for the closer search.
 _NEARER: Final = (-8, -5, -3, -2, -1, 0, 1, 2, 3, 5, 8)
 
 

@@ -15,8 +15,8 @@ from diagnosis.engine.summary import WHERE
 from diagnosis.estimates import decimals
 from diagnosis.twin.forms import Form, SizedCause
 
-#: What the replay of a cause may be off by that did not act from the start, as a part of its size: an orifice of which
-#: half is blocked comes out 3.5 % too open.
+#: Possible error of the replay of a cause that did not act from the start, relative to its size. For example, a
+#: half-blocked orifice is found 3.5 % too open.
 _ROUGHLY: Final = 0.02
 #: A size counts as better known if its interval shrinks to this part at most.
 _SURER: Final = 0.8

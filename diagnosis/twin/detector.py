@@ -26,14 +26,14 @@ from numpy.typing import NDArray
 
 from diagnosis.contracts import Array
 
-#: Mean length of a sound run between two alarms, in s: 100 h.
+#: Mean time (s) between two false alarms: 100 h.
 BETWEEN: Final = 100 * 3600.0
 #: Largest contribution of a block to log M of one alternative.
 MOST: Final = 4.0
 #: Errors of the model's form last. An error of one allowed standard deviation supports none of these.
 _MEANS: Final = (-4.0, -2.0, 2.0, 4.0)
 _VARIANCES: Final = (2.0, 8.0)
-#: χ² by which two levels must fit better than one.
+#: Two levels count as different if they fit better than one level by this χ².
 _ANOTHER: Final = 9.0
 
 

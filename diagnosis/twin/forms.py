@@ -24,16 +24,17 @@ from diagnosis.twin.fitting import Fit, Fitted
 from diagnosis.twin.innovations import BIN, BINS, BLOCK, Columns, Estimate, judge, rough
 from diagnosis.twin.replays import Replays, can_be, typical
 
-#: χ² by which a beginning may fit worse than the best and still be possible (k = 2).
+#: A start is possible (k = 2) if its χ² exceeds that of the best start by at most this.
 POSSIBLE: Final = 4.0
-#: Bins before the deviation from which growth is searched, and number of simulated places of steps.
+#: Growth is searched from this many bins before the deviation on; and the number of start bins for which steps are
+#: simulated.
 _BEFORE: Final = 600
 _PLACES: Final = 20
-#: Numbers of bins of the successively finer searches for beginnings and ends.
+#: Steps (in bins) of the search for starts and ends, from coarse to fine.
 _CLOSER: Final = (40, 20, 10, 5, 2)
-#: The same for causes that end, where each place must be simulated.
+#: The same for causes that end, because each place must be simulated.
 _SHARPER: Final = (20, 5)
-#: A twin with more than this χ² per reading deviates.
+#: With more than this χ² per reading, a twin certainly deviates.
 _FAR: Final = 2.0
 #: Shortest growth in bins; a shorter one counts as a step.
 _GROWS: Final = 40

@@ -52,18 +52,18 @@ BLOCK: Final = BIN * BINS
 FLOOR: Final = 0.4
 #: Error of a sound model, relative to the change of a reading since the start.
 FORM: Final = 0.02
-#: An error of the model's form lasts for so many blocks: together they give as much information on the parameters as
-#: one block.
+#: Errors of the equations persist for this many blocks. Together these blocks give as much information on the
+#: parameters as one block.
 _LASTS: Final = 10
-#: Gas that was moved just before is not all of one temperature, by so many K, and thermometers follow it late: by how
-#: much is known to so many s. Its pressure is known to so many Pa.
+#: Uncertainty of gas that was moved just before: its temperature in K, the delay of its thermometers in s, and its
+#: pressure in Pa.
 WARMTH: Final = 1.0
 BEHIND: Final = 0.5
 PRESSURE: Final = 450.0
-#: Uncertainty of friction, one standard deviation: its force where a stretch begins, in shares of its limit; the curve
-#: that it follows, D in x₂; its error after a reversal, in shares of the limit (`friction_goes_on`).
+#: Uncertainty of friction, one standard deviation: its force at the start of a stretch, relative to its limit; the
+#: curve that it follows, D in x₂; its error after a reversal, relative to the limit (`friction_goes_on`).
 FRICTION: Final[Mapping[str, float]] = {"force": 0.6, "curve": 0.6, "turn": 0.1}
-#: Travel, in x₂, from which a motion counts as one.
+#: Travel (in x₂) from which on a displacement counts as a motion.
 _GONE: Final = 0.05
 #: The median of the square of a standard normal number.
 _MEDIAN: Final = 0.4549

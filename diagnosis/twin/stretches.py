@@ -24,22 +24,24 @@ from diagnosis.systems.records import SettingsOfRecord
 
 #: Step (s) in which a run is processed.
 STEP: Final = 0.1
-#: Slower than this over `_STILL` s is rest (m/s, rad/s); so long (s) it must last before a stretch begins.
+#: Slower than this (m/s, rad/s) over `_STILL` s counts as rest. A stretch begins after a rest of `REST` s.
 _SPEED: Final = 0.05e-3
 _STILL: Final = 0.5
-#: And so little (m, rad) do its samples scatter, noise included: in half a second, 2 Hz has the mean of a rest.
+#: At rest the samples of half a second must also scatter by less than this (m, rad; including noise). Otherwise an
+#: oscillation of 2 Hz, whose mean is constant, would count as rest.
 _SCATTER: Final = 0.1e-3
 REST: Final = 1.0
-#: Length (s) from which a stretch ends at the next rest, where another one begins.
+#: After this length (s), a stretch ends at the next rest, and a new one begins there.
 LONG: Final = 60.0
-#: Length (s) after which it ends without a rest, in the motion, where another one begins.
+#: After this length (s), a stretch ends even in a motion, and a new one begins there.
 LONGEST: Final = 90.0
-#: That one is replayed from so many s before: by then dash-pots and friction have forgotten where they began.
+#: A stretch that begins in a motion is replayed from this many s earlier. By its start, dash-pots and friction no
+#: longer depend on the start of the replay.
 SETTLES: Final = 5.0
 #: If a thermometer of the gas changes faster than this (K/s), the temperature of the walls is unknown.
 _WARMING: Final = 2.0
 _NEAR: Final = 2.0
-#: Longest gap of a motion, in steps on both sides, that is bridged.
+#: Longest gap in the samples of a motion that is bridged, in steps before and after it.
 _BRIDGED: Final = 1
 #: The result at a step depends on samples up to this time (s) before and after it.
 _SURE: Final = 5.0
@@ -48,7 +50,7 @@ LEAST: Final = 2.0
 #: States in which the valves of the chambers follow the settings.
 _KNOWN: Final = (BenchState.AIR_HIGH, BenchState.HOLD, BenchState.ACTIVE)
 
-#: Why the model cannot be judged somewhere.
+#: Reasons why the model cannot be judged in a part of a run.
 AIR: Final = "the springs are being filled or vented, and the opening of the valves is not measured"
 LOST: Final = "the motion was not received"
 LEVELING: Final = (
@@ -82,7 +84,7 @@ class Stretch(NamedTuple):
         return self.end - self.start > _SURE
 
 
-#: Before anything was received.
+#: The part of a run before the first sample.
 BEGINNING: Final = Stretch(0.0, 0.0)
 
 

@@ -47,18 +47,19 @@ from diagnosis.twin.stretches import (
     stretches,
 )
 
-#: Smoothing a motion needs later samples, so the last part (s) of the record waits for them.
+#: The last part (s) of the record is not judged yet, because smoothing a motion needs later samples.
 _WAITS: Final = 0.5
 #: The cause of a deviation is searched again when the stretch has grown by this factor.
 _AGAIN: Final = 1.6
 #: If two causes may act, the search for the first one uses samples until this time (s) after its report.
 _SOON: Final = 2.0
-#: A cause is over when less than this part of its size is left (k = 2).
+#: A cause is over if less than this part of its size remains (k = 2).
 _GONE: Final = 0.5
-#: A deviation without an explanation is over after so many times the time that it took to be reported, and so many s.
+#: A deviation without an explanation is over if rig and model agree for this many times the duration from its start to
+#: its report, and for at least this many s.
 _AS_LONG: Final = 2.0
 _LONG: Final = 20.0
-#: A replay starts with the stretch that the present one continues, at most this many s before it.
+#: A replay may start in the stretch before the present one, but at most this many s earlier.
 _BACK: Final = 300.0
 
 

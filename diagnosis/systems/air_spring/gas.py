@@ -19,8 +19,8 @@ from diagnosis.systems.air_spring.parameters import CHAMBERS
 from diagnosis.systems.air_spring.runs import given
 
 _SIDE_NAMES: Final = bench.PLACES
-#: The setting of a run whose effects begin with it: its gas was read by sensors without them, and it is the air that
-#: was in the springs as they were without them.
+#: The name of the setting of a run whose effects begin at its start. The sensors that read the gas did not yet have
+#: these effects, and the gas is that in the springs without them.
 BEFORE: Final = "before"
 MOVING: Final = "moving"  #: the setting of a run that begins in a motion: air flows between its chambers
 GAS: Final = (*BY_GROUP[Group.PRESSURE], *BY_GROUP[Group.TEMPERATURE])  #: readings of its state

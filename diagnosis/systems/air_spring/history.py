@@ -34,16 +34,16 @@ from diagnosis.contracts import Array
 from diagnosis.systems.air_spring.parity import CELLS, spring_forces
 from diagnosis.systems.motion import SENSORS, binned, sheared
 
-#: Memories in s at which the past is reported, half a decade apart.
+#: Time constants τ (s) for which the past is stored, half a decade apart.
 MEMORIES: Final = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0)
-#: Averaging time (s) of readings: no memory is shorter.
+#: Averaging time (s) of readings. Every τ is longer.
 _MEAN: Final = 1.0
-#: Where it ends, over so many: a run begins at rest.
+#: Averaging time (s) of the reading at the end of the past. A run begins at rest.
 _NOW: Final = 0.1
-#: A dash-pot as fast as this (s) is at the place of its bellows when a run begins. Settings exist for the slower
+#: A dash-pot with this time constant (s) has followed its bellows when a run begins. Settings exist only for the slower
 #: `MEMORIES`.
 _AT_ONCE: Final = 0.3
-#: Motions that dash-pots follow: the bellows of both sides, and the shear of both.
+#: Name of the motion that dash-pots of both sides follow laterally; vertically they follow the bellows of their side.
 SHEAR: Final = "shear"
 
 

@@ -15,8 +15,9 @@ from bench_sim.model.quantities import QUANTITIES
 from bench_sim.parameters import Parameters
 from diagnosis.contracts import Channel, Hypothesis, Nuisance, Parameter
 
-#: Geometry and materials that no two springs share, with the standard deviation of a good delivery, relative. What
-#: load cells see of one spring only is reported by side; the lateral cells see the sum of both.
+#: Geometry and materials that differ between springs, with the relative standard deviation of a good delivery. A value
+#: has one parameter for each side if load cells measure its effect for each spring. The lateral cells measure the sum
+#: of both.
 EACH_SIDE: Final[Mapping[str, float]] = MappingProxyType(
     {
         "effective_area": 0.01,
@@ -30,31 +31,31 @@ EACH_SIDE: Final[Mapping[str, float]] = MappingProxyType(
 BOTH_SIDES: Final[Mapping[str, float]] = MappingProxyType(
     {"membrane_length": 0.05, "shell_stiffness_lateral": 0.1}
 )
-#: The same of the leveling valves, and how well their levers' rods are adjusted (m): no zero of a laser knows where a
-#: valve has its own.
+#: The same for the leveling valves, and the accuracy (m) of the adjustment of their lever rods. The zero of a laser
+#: says nothing about the zero of a valve.
 VALVES: Final[Mapping[str, float]] = MappingProxyType({"fill_conductance": 0.05, "exhaust_conductance": 0.05})
 LEVER: Final = "lever_offset"
 LEVER_ADJUSTMENT: Final = 0.5e-3
 _OF_VALVES: Final = frozenset({*VALVES, LEVER})
 #: The signal of the gauge whose unknown zero adds to the uncertainty of the air that the valves let in.
 SUPPLY: Final = "supply.pressure"
-#: How well the gas is known where a run begins, from the first second of its rest: the end of a line through a hundred
-#: readings, to 40 Pa where noise is white and 150 Pa where it remembers with 0.9, and what thermometers miss.
+#: Uncertainty of the gas at the start of a run, from the first second of rest. It includes the end of a line through a
+#: hundred readings (40 Pa for white noise, 150 Pa for an autocorrelation of 0.9) and errors of the thermometers.
 INITIAL_PRESSURE: Final = 150.0
 INITIAL_TEMPERATURE: Final = 0.2
 
-#: What sound benches show: the amplitude of each effect that their replay imitates, at each point of its grid, and the
+#: Results of sound benches: the amplitude of each effect that their replay imitates, at each point of its grid, and the
 #: overdispersion of its directions.
 SOUND: Final = Path(__file__).with_name("sound_benches.toml")
-#: Suffix and spread (m) of an apparent shift in one run, of an actuator or of the shear: the wire rounds the platform's
-#: transducers to 10 µm, and while the platform rests, the rounding error is the same for the whole run. In the shear
-#: it represents what friction remembers of earlier motions, too.
+#: Suffix and spread (m) of an apparent shift in one run, of an actuator or of the shear. The bus rounds the platform's
+#: transducers to 10 µm, and while the platform rests, the rounding error is the same for the whole run. In the shear it
+#: also represents the effect of earlier motions on friction.
 SEAT: Final = ".seat"
 ROUNDING: Final = 3e-6
-#: Suffix and spread (N s/m) of a force in proportion to the speed that an actuator's transducer shows and the bolster
-#: does not feel: friction of seals; in the virtual rig set-points that wait for the next tick Δt. Between ticks the
-#: piston lags and catches up; at a tick, when sensors are read, the damper of the frame shows c ω² Δt²/12 = 103 N s/m
-#: more than on average.
+#: Suffix and spread (N s/m) of a force proportional to speed that the transducer of an actuator shows, but that does
+#: not act on the bolster: friction of seals. In the virtual rig it comes from set-points that wait for the next tick
+#: Δt. Between ticks the piston lags and catches up; at a tick, when sensors are read, the damper of the frame shows c
+#: ω² Δt²/12 = 103 N s/m more than on average.
 DRAG: Final = ".drag"
 SEALS: Final = 100.0
 #: The transducer whose offset counts as an offset of the shear, which changes the forces of the springs.
@@ -63,8 +64,9 @@ SHEAR: Final = "lateral.displacement"
 AUXILIARY: Final = ("left.auxiliary", "right.auxiliary")
 CHAMBERS: Final = ("left.bellows", "right.bellows", *AUXILIARY)
 
-#: Steps of finite differences, in standard deviations and typical sizes. Where friction turns depends on its history,
-#: and a reversal that appears or disappears is a jump: the larger the step, the smaller its effect.
+#: Steps of finite differences, relative to standard deviations and typical sizes. The places where friction reverses
+#: depend on its history, and a reversal that appears or disappears is a jump. The larger the step, the smaller its
+#: effect.
 _STEP: Final = 0.1
 _SIDES: Final = bench.PLACES
 _UNITS: Final = {quantity.name: quantity.unit for quantity in QUANTITIES}
