@@ -24,7 +24,7 @@ RESIDUAL_PRESSURE: Final = 0.2 * bar
 LIFTS: Final = 0.23 * bar
 #: Largest difference of two intact transducers of one pressure.
 ZEROS_APART: Final = 0.1 * bar
-#: Air that flows through open valves moves a pressure by more than `PRESSURE_FALLS` in that time.
+#: If air flows through open valves, a pressure changes by more than `PRESSURE_FALLS` in this time (s).
 WATCHED: Final = 5 * s
 #: Begin of a warning to a person.
 KEEP_AWAY: Final = "keep away from the springs until their gauges read zero: "

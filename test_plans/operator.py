@@ -13,7 +13,7 @@ from bench_protocol.units import NS, minutes
 
 DONE: Final = "done"
 NOT_POSSIBLE: Final = "not possible"
-#: May always be answered: it ends the run, as Ctrl-C does.
+#: This answer is always allowed. It ends the run, as Ctrl-C does.
 ABORT: Final = "abort"
 
 

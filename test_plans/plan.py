@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _PRELOAD: Final = re.compile(r"\{(\w+)\.preload\}")
 
-#: A part of a plan: a function that is given the run, and those of the plan's parameters that it names.
+#: A part of a plan: a function that receives the run, and those parameters of the plan that it names.
 Part = Callable[..., None]
 
 

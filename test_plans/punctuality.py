@@ -15,7 +15,7 @@ from drivers.errors import BenchError
 if TYPE_CHECKING:
     from drivers.bench import Bench
 
-#: Counters of the rig about its ticks.
+#: Counters of the rig that describe how late its ticks are.
 _ACCOUNT: Final = ("rig.tick", "rig.late_ticks", "rig.lateness_max", *(one.signal for one in LATENESS_BINS))
 #: Upper edges of all bins of the rig's lateness histogram but the last, which has none.
 _EDGES: Final = tuple(one.edge for one in LATENESS_BINS[:-1])

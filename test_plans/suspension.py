@@ -12,7 +12,7 @@ from bench_protocol.units import minutes
 from bench_protocol.words import SIDES
 from test_plans.asking import Asking, wait_for_somebody
 
-#: Longest hold (s) with the springs under air and load; after it the run ends and its tear-down relieves the springs.
+#: Longest hold (s) with pressurised and loaded springs. After it the run ends, and its tear-down unloads the springs.
 HOLD_WITHIN: Final = 30 * minutes
 _MODES: Final = tuple(f"air.{side}_mode" for side in SIDES)
 

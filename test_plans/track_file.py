@@ -39,7 +39,7 @@ _NAMED: Final = re.compile(r"\s*(?P<name>[^\[(]*?)\s*(?:[\[(](?P<unit>[^\])]*)[\
 BASE: Final = 1.5 * m
 #: Smallest number of rows of a track.
 LEAST_ROWS: Final = 8
-#: A step longer than most by this factor is a gap.
+#: A step is a gap if it is longer than the usual step by this factor.
 GAP: Final = 4.0
 
 

@@ -77,7 +77,9 @@ def map_doubts(
     records = list(dict.fromkeys(run.experiment.record for run in few))
 
     def errors(columns: Mapping[str, Column]) -> _Errors | None:
-        """Return the errors with other columns; None if nothing can be simulated with them."""
+        """Return the errors of the nominal model if the files are read with ``columns``; None if no run can then be
+        simulated.
+        """
         try:
             found = read(columns, records)
             return _errors([run for run in found if run.experiment.name in names], simulator, channels)

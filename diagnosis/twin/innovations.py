@@ -268,8 +268,8 @@ def _remembered(
             yield np.outer(spread * limits * some.mean(axis=1), where)
 
     def felt(slope: Array, force: float) -> Array:
-        """Return the effect of a force of a spring on the channels, per N, from the ``slope`` of a parameter that
-        causes it.
+        """Return the change of the channels per N of a spring's force. ``slope`` is the derivative by a parameter that
+        causes the ``force``.
         """
         forces = np.array([channel.kind == "force" for channel in channels])
         return np.where(forces, _at_first(slope, samples), 0.0) / force

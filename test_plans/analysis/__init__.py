@@ -23,11 +23,11 @@ from test_plans.description import lag_of
 Samples = npt.NDArray[np.float64]
 Wave = Literal["sine", "triangle"]
 
-#: Fewer samples per cycle would fit anything.
+#: Smallest number of samples per cycle. A fit to fewer samples has no meaning.
 SAMPLES_PER_CYCLE_MIN: Final = 8
-#: Number of steps for finding the phase of a wave.
+#: Number of iterations to find the phase of a wave.
 _STEPS: Final = 3
-#: Turning points of a slow loop are where the motion is within this fraction of its range from its ends.
+#: A sample of a slow loop counts as a turning point if the motion is within this fraction of its range from an end.
 TURNING: Final = 0.02
 
 

@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from test_plans.analysis import NotMeasured, Samples
 
-#: Of a normal distribution, for 95 %, to either side.
+#: Half width of the 95 % interval of a normal distribution, in standard deviations.
 SIGMAS_OF_95: Final = 1.96
 
 

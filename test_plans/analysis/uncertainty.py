@@ -37,7 +37,7 @@ STEP: Final = 1 / sqrt(12.0)
 NOISE_DRAWS: Final = 128
 #: Random numbers drawn in one call, at most (0.8 MB), except for a single draw that needs more.
 NUMBERS_AT_ONCE: Final = 100_000
-#: Up to this ratio of the rates a signal counts as equally fast, because single samples may be lost.
+#: Up to this ratio of the rates two signals count as equally fast, because single samples may be lost.
 SAME_RATE: Final = 1.2
 #: Parts below this share of the variance are not listed.
 LEAST_SHARE: Final = 0.01

@@ -27,7 +27,7 @@ ISOBARIC: Final = CheckName(
     "Force over displacement at constant pressure: the stiffness of "
     "bellows contour and rubber, without that of the air.",
 )
-#: Up, down and up again, each place from both directions, so that friction cancels in the mean.
+#: Steps up, down and up again. Each height is reached from both directions, so that friction cancels in the mean.
 STAIRS: Final = tuple(z * mm for z in (10, 20, 10, 0, -10, -20, -10, 0))
 STAIR_RATE: Final = 10 * mm / s
 #: Air that was let in or out reaches the temperature of the walls, and a little more of it is needed.

@@ -80,16 +80,16 @@ LEAD: Final = 1.5 * s
 PIECES: Final = 4
 SCATTER: Final = "wind of other frequencies"
 #: The limits hold for springs that the track shears. An unsteady wind also shears them, reduces their friction, and
-#: makes them softer. They are judged up to this shear by the wind, as a fraction of the shear by the track.
+#: makes them softer. They are judged only if the shear by the wind is at most this fraction of the shear by the track.
 WINDY_MOST: Final = 0.5
 #: The latency of the platform's transducer is not specified. It is assumed to be that of the lateral actuator,
 #: within ``LATE_BY``.
 LATE: Final = "lag of the platform's transducer"
 LATE_BY: Final = 0.5 * ms
-#: The track's motion overcomes friction, so the roll by unequal preload grows by this part. Part and its uncertainty,
-#: for a bolster that leans into the wind and for one that leans with it.
+#: The motion of the track overcomes friction, so the roll by unequal preload grows by this fraction. The fraction and
+#: its uncertainty are given for a bolster that leans into the wind, and for one that leans with it.
 GIVEN_BACK: Final = {True: (0.11, 0.04), False: (0.07, 0.07)}
-#: Beyond this roll the part is unknown, because the springs of the full car creep.
+#: Beyond this roll the fraction is unknown, because the springs of the full car creep.
 GIVEN_BACK_TO: Final = 20 * mrad
 RELEASED: Final = "roll that friction gives back"
 #: The roll torque is judged if its limits are so many times wider than its expanded uncertainty. The error by friction

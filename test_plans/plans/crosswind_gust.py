@@ -44,7 +44,8 @@ KEPT: Final = 10
 STATED: Final = (10.0, 100 * kmh)
 #: Limits that hold for weaker and slower gusts, too, but not for stronger or faster ones.
 NO_MORE: Final = ("roll", "remains")
-#: Settled: largest distance from the position under the mean wind, as a fraction of the displacement by the gust.
+#: The bolster counts as settled if its distance from the position under the mean wind is at most this fraction of the
+#: displacement by the gust.
 SETTLED: Final = 0.1
 #: The checks of the response, by limit: name and unit.
 JUDGED: Final = {

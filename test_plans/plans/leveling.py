@@ -32,7 +32,7 @@ STAIR: Final = "between two stairs"
 NOT_OPENED: Final = "the valve did not open by the last step"
 #: Smallest number of samples of the mean height at a step.
 STAIR_SAMPLES: Final = 15
-#: Samples before the target is reached (half a second), for the interpolation of that time.
+#: Number of samples (half a second) before the target is reached, for the interpolation of the time.
 ON_THE_WAY: Final = 100
 STAIR_WAIT: Final = 2.5 * s
 STAIR_LOOK: Final = 1.5 * s

@@ -61,7 +61,7 @@ PLACE_ZERO: Final = 0.05 * mm
 PLATFORM_ZERO: Final = 0.02 * mm
 PLATFORM_ROLL_ZERO: Final = 0.05 * mrad
 THERMOMETER_ZERO: Final = 0.1 * K
-#: Margin for noise and for the steps of the converters.
+#: Factor on the tolerances for noise and for the steps of the converters.
 ROOM: Final = 1.1
 READ_OVER: Final = 2 * s
 
@@ -83,7 +83,7 @@ FRAME_WITHIN: Final = 0.10
 BLOCK: Final = Band(low=200 * MN / m)
 #: Above this stiffness, the displacement is too small to be measured.
 STIFFEST: Final = 10_000 * MN / m
-#: Blocks support at design height, stops far below.
+#: With the dummy blocks the bolster is at design height; on the stops of the springs it is far below.
 AT_BLOCKS: Final = 10 * mm
 READS_ZERO: Final = {
     Group.PRESSURE: CheckName(

@@ -42,7 +42,8 @@ STEP: Final = 0.02 * s
 #: Sampling rate: ten times the highest frequency of wind and track.
 RATE: Final = 50 * Hz
 BEFORE: Final = 2 * s
-#: The host cannot stream faster motions; slower motions belong to the line of the track, not to its irregularity.
+#: Highest frequency that the host can stream; and the lowest one, because slower motions belong to the line of the
+#: track and not to its irregularity.
 FASTEST: Final = 5 * Hz
 SLOWEST: Final = 0.2 * Hz
 SEGMENT: Final = 8 * s

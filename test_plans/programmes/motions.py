@@ -105,8 +105,8 @@ class Valves:
 
 Segment = Wave | RestPose | Valves
 
-#: Large enough to remove the influence of earlier motions on friction, up to the amplitude of the following motions. A
-#: difference in the state of Berg's model is reduced to 4e-4 (after three cycles to 1e-2, which is still measurable).
+#: Motion that removes the influence of earlier motions on friction, up to the amplitude of the following motions. It
+#: reduces a difference in the state of Berg's model to 4e-4 (three cycles only to 1e-2, which is still measurable).
 WIPE: Final = (
     Wave("vertical", 10 * mm, 1 * Hz, 5),
     Wave("lateral", 10 * mm, 1 * Hz, 5),

@@ -44,9 +44,10 @@ if TYPE_CHECKING:
     from drivers.receiver import Capture
     from test_plans.run import Run
 
-#: The gas approaches the temperature of the walls after filling and leveling, before the valves are shut.
+#: Time in which the gas approaches the temperature of the walls, after filling and leveling and before the valves are
+#: shut.
 COOL: Final = 10 * s
-#: Fine enough to show how long a programme lasts.
+#: Sampling rate (Hz) that is sufficient to compute the duration of a programme.
 COARSE: Final = 10 * Hz
 #: A stretch begins when the thermometers (1 s) have reached the temperature of the gas.
 SETTLE: Final = 10 * s

@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 #: Largest relative error of an amplitude, and the number of repetitions to reach it.
 WITHIN: Final = 0.01
 REPETITIONS: Final = 3
-#: Largest command over the wanted amplitude: an axis that needs more does not follow, and more would strain it.
+#: Largest ratio of the command to the target. An axis that needs more does not follow, and a larger command would
+#: strain it.
 MOST: Final = 1.5
 #: Amplitude of the first harmonic over that of the wave.
 _FIRST_HARMONIC: Final = {"sine": 1.0, "triangle": 8 / pi**2}
@@ -42,7 +43,7 @@ _BAND: Final = 0.5 * Hz
 _SLOWEST: Final = 0.25 * Hz
 _FASTEST: Final = 0.85
 _SHARE: Final = 0.02
-#: Points for each step of a track, so that straight lines between them lose less than 0.1 % at 10 Hz.
+#: Number of points per step of a track. With them, straight lines between the points lose less than 0.1 % at 10 Hz.
 _FINER: Final = 16
 
 Moved = tuple[Samples, dict[str, Samples]]

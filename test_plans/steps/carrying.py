@@ -41,7 +41,7 @@ OPEN: Final = 1.0
 ARM_WITHIN: Final = 10 * s
 LIFT_RATE: Final = 40 * mm / s
 FILL_WITHIN: Final = 60 * s
-#: The valves close in proportion over the last 0.15 bar below their target.
+#: Within this pressure difference below their target, the valves close in proportion.
 FILL_BEYOND: Final = 0.15 * bar
 PRELOAD_RATE: Final = 20 * kN / s
 PRELOAD_WITHIN: Final = 10 * s

@@ -20,7 +20,7 @@ _MANDATORY: Final = (DEVICE_TYPE, ERROR_REGISTER, IDENTITY)
 _MANUFACTURER: Final = range(0x2000, 0x6000)
 _BIT_RATES: Final = (10, 20, 50, 125, 250, 500, 800, 1000)
 _BIT_RATE: Final = 500
-#: The types 1 to 7, which RPDOs of other devices map where they ignore bits.
+#: The data types 1 to 7. RPDOs of other devices map them where they ignore bits.
 _DUMMIES: Final = range(1, 8)
 
 

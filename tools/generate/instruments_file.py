@@ -11,7 +11,7 @@ from bench_protocol.table_signals import MEASUREMENTS
 from bench_protocol.units import in_unit
 
 INSTRUMENTS_FILE: Final = named_files("instruments")[ORDINARY_RIG]
-#: What the plans take out of a lag leaves a tenth of it.
+#: Part of a lag that remains after the plans have corrected it.
 _LEFT_OF_LAG: Final = 0.1
 _LIST: Final = "# Which piece gives which reading"
 
