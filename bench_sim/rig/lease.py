@@ -68,6 +68,7 @@ class Lease:
         #: Modbus connections that lost the lease because of silence, and have not requested it again.
         self._lapsed: frozenset[str] = frozenset()
         controls["commander"] = -1
+        controls["command_tick"] = -1  # before any lease
         controls["write_deadline"] = -1
 
     @property

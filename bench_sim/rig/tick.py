@@ -229,8 +229,9 @@ def _expired_watchdogs(c: Any) -> int:
     if c.expiring != 0:
         gone = silence >= LOST_TICKS and c.tick - c.granted >= LOST_TICKS
     else:
-        # A client that has never commanded on CAN, or still writes, counts as present.
-        commanded = c.token != 0 and c.commander >= 0 and c.command_tick >= c.granted
+        # A client that has never commanded on CAN, or still writes, counts as present. One that has commanded does not,
+        # even if its connection on CAN has closed.
+        commanded = c.token != 0 and c.command_tick >= c.granted
         gone = commanded and silence >= GONE_TICKS and c.tick - c.write_tick >= GONE_TICKS
     if gone:
         happened |= Happened.LEASE_LOST.value

@@ -280,6 +280,13 @@ def act_out(fresh, story) -> None:
         truth.check()
 
 
+def test_a_commander_whose_connection_closed_is_gone_when_it_writes_no_more(fresh) -> None:
+    act_out(
+        fresh,
+        [("take", 1), ("command", 1, "own"), ("leave", 1, "can"), ("wait", 1999), ("wait", 5), ("take", 2)],
+    )
+
+
 many = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
