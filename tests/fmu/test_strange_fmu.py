@@ -284,7 +284,7 @@ def test_the_page_does_what_it_says(folder: Path, tmp_path: Path) -> None:
     doubt, _, wrong, *_ = done.stdout.splitlines()
     assert doubt.startswith("doubtful: "), done.stdout
     assert "communication step of 0.005 s" in doubt and "mass by -0.07" in doubt, done.stdout
-    assert "There is dry friction" in wrong and " = 1.49" in wrong, done.stdout
+    assert "There is dry friction" in wrong and ": 1.49" in wrong, done.stdout
     finding = Finding.from_json((tmp_path / "out" / "finding.json").read_bytes())
     assert finding.names == ("friction",)
     assert finding.provenance.identity == read_fmu(folder / "ShakenMass.fmu").identity

@@ -89,7 +89,9 @@ def test_every_view_fits_its_screen_and_no_button_is_covered(open_page, made, pi
         looked_at(page, pictures, f"{view}-{width}")
         if view == "live":
             page.click(".side button.ask >> nth=-1")
-            assert "do not act yet" in page.text_content("section[aria-label=interlocks] .help:not([hidden])")
+            assert "not applied yet" in page.text_content(
+                "section[aria-label=interlocks] .help:not([hidden])"
+            )
             page.click("section[aria-label=interlocks] button.ask")
             start = page.locator("#start").bounding_box()
             assert start["y"] + start["height"] <= SIZES[width], "Start is on the first screen"

@@ -60,7 +60,7 @@ def test_a_run_is_gone_back_to_and_goes_on_otherwise_from_there(open_page, bench
             page.locator(".replay svg").scroll_into_view_if_needed()
             page.screenshot(path=Path(PICTURES) / f"time-machine-{width}.png")
     with page.expect_popup() as rehearsed:
-        page.click("#again >> text=Page of the rehearsal")
+        page.click("#again >> text=Open the rehearsal page")
     assert "continues from 40 s with leak.left = 0.5mm2" in " ".join(
         rehearsed.value.text_content("body").split()
     )
