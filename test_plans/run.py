@@ -187,8 +187,7 @@ class Run:
         note: str = "",
         since: int | None = None,
     ) -> bool:
-        """Judge ``value`` by its limits (SI), record the check, and return whether it passed. The plan continues in
-        both cases.
+        """Judge ``value`` by its limits (SI), record the check, and return whether it passed. The plan continues.
 
         A `CheckName` as ``name`` adds a sentence that explains the measured quantity. A value with an uncertainty U
         passes if its probability of conformity is high enough. It is *marginal* if it is within the limits with a lower

@@ -195,12 +195,10 @@ def replay_samples(
     readings: Any,
     rows: Any,
 ) -> None:
-    """Start at rest at the first sample, integrate with ``steps`` steps per interval, and write the readings at each
-    sample.
+    """Start at rest, integrate with ``steps`` steps per interval, and write the readings at each sample.
 
     Shapes for n samples: ``inputs`` (n, INPUTS), ``supply`` (n), ``readings`` (n, SENSORS), ``rows`` (n or 0,
-    ALGEBRAICS). Each of the ``parameters`` (m) applies from its sample in ``since`` (m) on. The first one applies from
-    sample 0.
+    ALGEBRAICS). Each of the ``parameters`` (m) applies from its sample in ``since`` (m) on, the first from sample 0.
     """
     mem = memory[0]
     par = parameters[0]

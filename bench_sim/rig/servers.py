@@ -80,10 +80,8 @@ def serve_in_thread(
 
     The protocols have no access control, so any ``host`` except the loopback needs ``allow_remote``. ``beacon``
     announces the hub by UDP on the loopback every 3 s (for SavvyCAN). ``on_wake`` is called in the servers' thread
-    after each write to ``eventfd``.
-
-    Raises ValueError for a ``host`` that is not allowed, and OSError with an explanation for a port that cannot be
-    opened.
+    after each write to ``eventfd``. Raises ValueError for a ``host`` that is not allowed, and OSError with a reason
+    for a port that cannot be opened.
     """
     if not allow_remote:
         _require_loopback(host)
