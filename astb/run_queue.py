@@ -6,7 +6,7 @@ the control socket of a run (`astb.live.door`). The rig still decides who comman
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Final, TypeVar
@@ -84,9 +84,10 @@ def _tickets_before(folder: Path, mine: Path) -> list[Ticket]:
     found = []
     with locked(folder):
         for path in sorted(one for one in folder.glob("[0-9]*") if one.name < mine.name):
-            with path.open("rb") as file:
+            # The run may end, and remove its ticket, after the folder was listed.
+            with suppress(FileNotFoundError), path.open("rb") as file:
                 if hold(file):
-                    path.unlink()
+                    path.unlink(missing_ok=True)
                 else:
                     found.append(msgspec.json.decode(file.read(), type=Ticket))
     return found

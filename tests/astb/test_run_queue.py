@@ -56,6 +56,15 @@ def test_runs_take_the_rig_in_the_order_in_which_they_came():
     assert not list(queue_path(RIG).glob("[0-9]*"))
 
 
+def test_a_ticket_that_vanishes_while_others_look_is_no_ticket():
+    with queued(RIG, ["aw0"], 60.0, "first", None):
+        pass
+    (queue_path(RIG) / "20000101T000000.000000-1").symlink_to("vanished")
+    seen: list[list[Ticket]] = []
+    with queued(RIG, ["aw0"], 60.0, "second", seen.append):
+        assert seen == []
+
+
 def test_a_killed_run_leaves_its_place():
     child = subprocess.Popen(
         [sys.executable, "-c", HOLDER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
