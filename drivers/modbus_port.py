@@ -36,6 +36,7 @@ from drivers.modbus_words import SerialLine, in_registers, request_in_words
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 _EXTENDED_ACCESS: Final = 3
+_CHECK_UNIT: Final = "check the Modbus unit number of the device"
 
 
 class ModbusPort:
@@ -99,8 +100,7 @@ class ModbusPort:
         data = b"".join(one.record_data for one in getattr(reply, "records", ()))
         if len(data) != 2 * count:
             raise LinkLost(
-                f"{what} failed: the device answered {len(data)} bytes instead of {2 * count}; check the"
-                " Modbus unit number of the device"
+                f"{what} failed: the device answered {len(data)} bytes instead of {2 * count}; {_CHECK_UNIT}"
             )
         return list(struct.unpack(f">{count}H", data))
 
@@ -157,10 +157,7 @@ class ModbusPort:
             what, lambda: ask(read_code=_EXTENDED_ACCESS, object_id=start, device_id=self._unit)
         )
         if not isinstance(reply, ReadDeviceInformationResponse):
-            raise LinkLost(
-                f"{what} failed: the device answered with another function code; check the Modbus unit number of "
-                "the device"
-            )
+            raise LinkLost(f"{what} failed: the device answered with another function code; {_CHECK_UNIT}")
         return dict(reply.information), reply.next_object_id if reply.more_follows else None
 
     def close(self) -> None:
