@@ -42,7 +42,7 @@ class Receiver(Protocol):
 
 
 class Command:
-    """A command of this machine: the text is its last argument, the JSON is on its standard input."""
+    """A command of this machine. It gets the text of a message as last argument, and its JSON on standard input."""
 
     def __init__(self, words: list[str]) -> None:
         self._words = words

@@ -1,4 +1,4 @@
-"""The limits of a rig: those of its file, and assumed ones for the others."""
+"""The limits of a rig. A limit that its file does not state is that of the simulation, or assumed for a real rig."""
 
 from typing import Final, NamedTuple
 

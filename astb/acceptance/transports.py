@@ -8,8 +8,8 @@
         subject = Subject(make=lambda: MyTransport(...), readable=("height",), written={"target": "target"})
         assert [str(result) for result in check_transport(subject) if result.breach] == []
 
-The checks need a real or simulated rig that answers. They write only the given points. A rule is not checked if the
-subject lacks data for it (a point without a value, a way to cut the connection). The result then states the reason.
+The checks need a real or simulated rig that answers. They write only the given points. Some rules need more from the
+subject, such as a function that cuts the connection. Without it, such a rule is not checked, and its result states why.
 """
 
 from __future__ import annotations

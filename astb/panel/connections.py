@@ -84,8 +84,8 @@ class Room:
 
 
 class Rooms:
-    """The rooms of a panel (clients with the token, strangers, watching pages), and the assignment of connections to
-    them.
+    """The rooms of a panel, and the assignment of connections to them. The rooms are for clients with the token, for
+    clients without it (``strangers``), and for pages that watch.
     """
 
     def __init__(self, access: Access) -> None:
@@ -94,7 +94,7 @@ class Rooms:
         self.known, self.strangers, self.watching = Room(*KNOWN), Room(*STRANGERS), Room(*WATCHING_PAGES)
 
     def arrive(self, connection: "Requests | Pages") -> None:
-        """Take a new connection as a stranger."""
+        """Give a new connection a slot among the clients without the token."""
         self.strangers.enter(connection, _address(connection), connection.transport.abort)
 
     def admit(self, connection: "Requests | Pages") -> bool:

@@ -46,7 +46,7 @@ class SignalDeviation(NamedTuple):
 
 
 class Changes(NamedTuple):
-    """Changes from an instant on, as text: faults with their values, effects, parameters."""
+    """New settings from an instant on: faults with their parameters, effects by name, and model parameters by name."""
 
     faults: "Sequence[tuple[str, Mapping[str, str]]]"
     effects: "Mapping[str, str]"

@@ -168,12 +168,12 @@ def turn_friction(
     travel: float,
     dt: float,
 ) -> bool:
-    """Store a friction reversal of one spring in one ``direction`` (0 vertical, 1 lateral). Return whether the curve
-    changed.
+    """Update the friction memory of one spring in one ``direction`` (0 vertical, 1 lateral) after a step of ``dt`` s.
+    Return whether the friction curve changed. ``travel`` is x₂ of `friction_curve` in m.
 
     The stored level is F/F_max. A stored force could later exceed its limit, which changes with pressure. In Berg's
-    law every reversal begins a new curve and deletes the old one. A vibration of a nanometre would then change the
-    later force by a tenth of the friction. In real rubber the previous curve continues after a small loop (Madelung
+    law every reversal begins a new curve and deletes the old one. A vibration of a nanometre could then change the
+    later force by a third of its limit. In real rubber the previous curve continues after a small loop (Madelung
     1905). A loop is small if its travel is less than the share ``friction_small_loop`` of x₂. With a share of 1/25 and
     a force of half the limit, the return to the previous curve changes the force by 1/580 of its limit. With a share
     of 0 every reversal begins a new curve.

@@ -78,8 +78,8 @@ def _substitutes(problem: Problem, first: Judgement) -> set[str]:
 
 
 def _in_the_place_of(first: Judgement) -> set[str]:
-    """Return one accepted effect, or none: the one most similar to an effect that was removed beside it and still has a
-    high score.
+    """Return one accepted effect, or none. A removed effect scores above the threshold at the end, and the returned one
+    was in the model at its removal; of several pairs the most similar one counts.
     """
     state, screening = first.found.state, first.screened.screening
     scoring = [screening.candidates[i].effect.name for i in screening.exceeding]

@@ -8,7 +8,7 @@ A covariance is the curvature of χ² at its minimum. It ignores three things:
   fitted again. The penalised χ² must rise by 1.96². If the rise differs by more than a fifth, the end moves until it
   agrees (`profiled`). This is the interval of the profile likelihood, which need not be symmetric. If errors of the
   model (`model_error.py`) widen the interval by a factor, the required rise is larger by the square of this factor.
-* **Ranges are limited.** No interval exceeds the possible range: no friction drives its piston.
+* **Ranges are limited.** No interval exceeds the possible range. For example, no friction is negative.
 * **Sampling is finite.** The travel over which a friction reverses is visible only if it contains several samples.
   `Parameter.along` names the input along which a parameter is a length or a time. The resolution is the step of this
   input between samples (`resolution`): in each run the mean step weighted by travel, Σ|Δ|²/Σ|Δ|, and over the runs the

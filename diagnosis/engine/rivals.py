@@ -9,7 +9,8 @@ replaced. The best swap that lowers the BIC is made, and the pass begins again u
 
 Under another noise a removed effect may look better again. Then the two sets of effects are compared, each under its
 own noise, by the likelihood of the measured samples with all constants (`_criterion`), because χ² alone cannot compare
-two noises. The better set stays, so the pass ends. The other one is its rival, with this measure.
+two noises. The better set stays, so the pass ends. The other one becomes its rival; their BIC gap is the difference in
+`_criterion`.
 
 The remaining alternatives, when no swap is better, are the rivals of the verdict: physical models, each with its BIC
 (step 8).

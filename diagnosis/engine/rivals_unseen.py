@@ -3,17 +3,17 @@ runs equally well.
 
 Theory of operation
 -------------------
-BIC compares causes in units of the noise. If the error of a model is many times the noise, each part of it is a BIC gap
-of thousands, and the effect that absorbs most of it wins. Then unseen runs decide: a physical rival that predicts them
-as well as the cause stays a rival. This is tested for all channels together, and for the channels in which the cause
-acts, because errors of other channels can hide the difference. In one case a slow clock and a delay were found
-together. The pressures could separate them, but the error was in the forces.
+BIC compares causes in units of the noise. If the error of a model is many times the noise, even a small part of this
+error is a BIC gap of thousands, and the effect that absorbs most of it wins. Then unseen runs decide: a physical rival
+that predicts them as well as the cause stays a rival. This is tested for all channels together, and for the channels in
+which the cause acts, because errors of other channels can hide the difference. For example, a large error of the forces
+can hide that only the pressures distinguish a slow clock from a delay.
 
 A similar effect in the same model can also be a rival. For example, friction that reverses between two samples and a
 lag of the force both round the corner of a loop. Together with a lag, the presliding travel of the friction is below
-the resolution of the samples; without the lag, the presliding travel explains the rounding. If one of two confusers has
-such a parameter (`intervals.py`), and the other gains nothing on unseen runs, the model without the other one is a
-rival.
+the resolution of the samples; without the lag, the presliding travel explains the rounding. So for two similar effects
+(confusers) in the model, the model without one of them is a rival if this one gains nothing on unseen runs and one of
+the two has a parameter below the resolution (`intervals.py`).
 """
 
 from __future__ import annotations

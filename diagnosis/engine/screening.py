@@ -73,8 +73,8 @@ class Screening:
 
     @cached_property
     def root_information(self) -> Array:
-        """Square root of the Fisher information on each amplitude (m,) after the fit of the nuisances: λ per unit of
-        amplitude.
+        """Square root of the Fisher information on each amplitude (m,) after the fit of the nuisances. Times an
+        amplitude it is the expected score λ.
         """
         scales = np.array([c.amplitude.scale for c in self.candidates])
         return self.projection.norm / scales / self.scatter

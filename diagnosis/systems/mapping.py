@@ -136,8 +136,8 @@ def _digest(map_path: Path | None, paths: Sequence[Path], system: System) -> str
 
 
 def _not_left_out(missing: Iterable[Remark], remarks: Sequence[Remark]) -> list[Remark]:
-    """Return the remarks on gaps without those caused by skipped rows. For outputs only gaps in the file itself remain,
-    for inputs all.
+    """Return the remarks on gaps. A remark on the gaps of an output is omitted if samples of its column were skipped,
+    because another remark states this already.
     """
     left = {(one.file, one.column) for one in remarks if one.consequence.startswith(LEFT_OUT)}
     return [one for one in missing if one.consequence != LEFT_OUT or (one.file, one.column) not in left]
@@ -376,7 +376,7 @@ def _in_si(
 def _clock(
     path: Path, table: Mapping[str, Series], mapping: Map, where: Path, held: Collection[str]
 ) -> tuple[Array, dict[str, float]]:
-    """Return the grid (n,) on which all columns have values, and the longest gap of each column, in s."""
+    """Return the times (n,) on which all columns are sampled, and the longest permitted gap of each column, in s."""
     known = {name: one.times[np.isfinite(one.values)] for name, one in table.items()}
     rows = max(len(one.times) for one in table.values())
     if rows < 3:

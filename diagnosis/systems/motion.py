@@ -166,12 +166,12 @@ def smooth(values: Array, noise: float, smallest: float = _SMALLEST) -> Array:
 
 
 def in_step(left: Array, motion: Array, step: float, noise: float) -> Array:
-    """Return the part of the samples ``left`` (n,) that is in phase with a ``motion`` (n,). ``left`` is NaN where there
-    is no sample.
+    """Return the part of the residual ``left`` (n,) that follows the acceleration and the speed of a ``motion`` (n,).
+    ``left`` is NaN where there is no sample; ``step`` is the interval in s.
 
-    It is α times the acceleration plus β times the speed of the motion, both fitted around every sample. The result is
-    zero where their χ² is no larger than by chance, and the full fit where it is much larger. If the residual scatters
-    more than the ``noise`` of the data sheet, χ² uses this scatter instead.
+    It is α times the acceleration plus β times the speed. α and β are fitted around every sample. The result is zero
+    where the χ² of the fit is no larger than by chance, and the full fit where it is much larger. If the residual
+    scatters more than the ``noise`` of the data sheet, χ² uses this scatter instead.
     """
     time = step * np.arange(len(motion))
     spline = CubicSpline(time, motion)

@@ -1,7 +1,7 @@
 """Reads records of the bench as measured runs: every phase of a plan with a name ``replay …`` is one run.
 
-A plan that applies wind and track at once gives one run, too. That run begins before the unequal preload, so that the
-replay follows it.
+A plan that applies wind and track at once gives one run, too. That run begins before the unequal preload, because the
+replay must include the roll by this preload.
 
 Phases inside of a run: samples up to the end of ``condition …`` are not scored, because this motion removes the
 rubber's memory of earlier motions. In ``rest`` nothing moves. The state of the valves follows from the settings in the

@@ -43,7 +43,7 @@ def cause_of(one: SizedCause, hypothesis: Hypothesis, start: float) -> PossibleC
 
 
 def extend_deviation(before: Deviation, now: Deviation, at: float) -> Deviation:
-    """Return the deviation ``now``, with the course of ``before`` extended by the result at ``at`` s."""
+    """Return the deviation ``now`` with the course of ``before``. The result at ``at`` s is added if it has changed."""
     word = _compared(before, now) if before.course and not before.withdrawn else "told"
     course = (*before.course, DeviationState(at, word, now.causes, now.pairs)) if word else before.course
     return _ended(replace(now, detected=before.detected, course=course), before, at)

@@ -129,9 +129,10 @@ class _Ready:
         self._still = still & ~self._warm
 
     def cut(self, first: int, last: int, since: Stretch | None = None) -> Iterator[Stretch]:
-        """Yield the stretches between two steps. They begin at the first rest; long ones are cut at later rests.
+        """Yield the stretches from grid index ``first`` to ``last``. The first judged one begins at the first rest;
+        long ones are cut at later rests.
 
-        If ``since``, a stretch of an earlier look, is given, it begins at the first step.
+        ``since`` is the stretch of an earlier call that begins at ``first``, if there is one.
         """
         rest = round(REST / STEP)
         if last - first < rest:

@@ -460,8 +460,8 @@ def _judge_roll(
     torque: Measured,
     beyond: float,
 ) -> None:
-    """Check the roll stiffness from the means ``leans`` (roll) and ``torque``, if it can be judged. The pressure is
-    ``beyond`` (Pa) above that of the limits.
+    """Check the roll stiffness ``leans``, if it can be judged. ``torque`` is the mean roll torque, ``rolled`` (rad) the
+    roll by unequal preload. The pressure is ``beyond`` (Pa) above that for which the limits are stated.
     """
     part, known_to = GIVEN_BACK[rolled > 0.0]
     if other := bench_mismatch(run):

@@ -197,9 +197,10 @@ def _motion(times: Samples, rig: Rig, values: Values) -> Motion:
 
 
 def _law(rig: Rig, before: Motion, rolled: Motion, sheared: Motion, after: Motion) -> Law:
-    """Solve both equations for the coefficients, from a motion in roll and a motion in shear.
+    """Solve the linear equations for the lateral force and the roll torque, from a motion in roll and one in shear.
 
-    The torque due to the heights is known from the two vertical motions, and is subtracted.
+    The vertical stiffness follows from the vertical motions ``before`` and ``after``. Its part of the roll torque is
+    subtracted.
     """
     motions = np.array([[rolled.shear, sheared.shear], [rolled.roll, sheared.roll]])
     answers = np.array([[rolled.force, sheared.force], [rolled.torque, sheared.torque]])

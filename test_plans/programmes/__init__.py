@@ -1,1 +1,1 @@
-"""Programmes: runs as data. Stretches of waves, rest poses and valves, which the bench performs and a model replays."""
+"""Programmes: runs as data (waves, rest poses, valve positions). The bench performs them, and a model replays them."""

@@ -160,10 +160,11 @@ class TracedReplay:
         )
 
     def fits(self, parameters: Any) -> bool:
-        """Return whether lanes can integrate springs with these parameters on this motion.
+        """Return whether lanes can integrate springs with these parameters, which must have the dimensions of this
+        replay.
 
-        A step that is longer than that of a replay has further conditions: no air enters or leaves the springs, no air
-        flows between them, and nothing is too fast for it (`_quick`).
+        A step longer than that of a replay has further conditions: leveling and service valves stay closed, a connected
+        differential pressure valve does not leak, and nothing is too fast for the step (`_quick`).
         """
         sudden = self.fed or self.leaks_between(parameters)
         return (

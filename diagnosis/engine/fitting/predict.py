@@ -49,8 +49,8 @@ def predict(
 ) -> Prediction:
     """Predict other runs with a fitted model, with all its uncertainty, or with its shared numbers ``fixed``.
 
-    The posterior of the shared numbers is their prior. The numbers of each new record are fitted and marginalised by
-    Laplace's approximation. ``known`` may hold columns of the nuisances for these runs.
+    The posterior of the shared numbers from the fit is their prior here. The numbers of each new record are fitted and
+    marginalised by Laplace's approximation. ``known`` may hold columns of the nuisances for these runs.
     """
     point, prior = transferred(fitted, fitted.replay.of(runs), fixed)
     again = fit(fitted.replay.of(runs), fitted.noise, point, known, prior=prior)

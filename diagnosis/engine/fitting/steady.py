@@ -5,15 +5,15 @@ Theory of operation
 Friction remembers its points of reversal. A small step of a parameter can add or remove a reversal. Then forces differ
 by newtons until the next large motion, and the difference divided by the step is not the derivative.
 
-Every score and every fit of an effect is a remainder after projection on the nuisances. If one column of the nuisances
-is wrong, for example that of a spring's effective area in one run, effects similar to the true column score: gauges,
-gains, volumes. So the nuisances have differences on both sides. The two differ by the curvature of the model, which is
-small, or by a jump. If they differ by more than ``SPOILT``, differences with half the step are computed as well, and
-the two of the four that agree best are used.
+Every score and every fit of an effect is a remainder after projection on the nuisances. One column of the nuisances may
+be wrong, for example that of a spring's effective area in one run. Then effects that resemble the true column get high
+scores, such as those of gauges, gains and volumes. So the nuisances have differences on both sides. The two differ by
+the curvature of the model, which is small, or by a jump. If they differ by more than ``SPOILT``, differences with half
+the step are computed as well, and the two of the four that agree best are used.
 
-The footprint of a candidate has one step. A score above the threshold may come from a jump, if the bench reversed and
-the model did not. Such a footprint is computed again with shorter steps (`footprints.confirmed`). A jump within all of
-the steps is not found.
+The footprint of a candidate is one difference on one side. A score above the threshold may come from a jump, if the
+bench reversed and the model did not. Such a footprint is computed again with shorter steps (`footprints.confirmed`). A
+jump within all of the steps is not found.
 """
 
 from __future__ import annotations

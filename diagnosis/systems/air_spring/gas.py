@@ -75,9 +75,11 @@ def kept(gas: Gas, experiment: Experiment, before: Any, par: Any) -> Gas:
 
 
 def _room(par: Any, side: int, zeta: float, y: float) -> tuple[float, float]:
-    """Return the volume (m³) of a bellows at gauge pressure 0, and how much it grows per Pa.
+    """Return the volume (m³) of a bellows at absolute pressure 0, and its growth per Pa. The spring has the height
+    ``zeta`` ζ and the shear ``y`` (m).
 
-    The pressure stretches the bellows and compresses the emergency spring: ζ_b = ζ + (p_g A − P)/k.
+    The pressure stretches the bellows, and compresses the emergency spring of stiffness k, so the bellows has the
+    height ζ_b = ζ + (p_g A − P)/k. P is the preload.
     """
     Y, Y1, _ = lateral_shape(y, 1.0 / par.membrane_travel[side])
     names = ("effective_area_slope", "membrane_length", "membrane_length_slope")
