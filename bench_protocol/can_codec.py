@@ -141,7 +141,7 @@ def encode_into(
     A row of -1 is skipped.
 
     ``values`` are SI floats by table row; a value outside its range is sent as the nearest limit, NaN as "not
-    available". ``counters`` (by message row) advance by one.
+    available", or as 0 in a field without that code. ``counters`` (by message row) advance by one.
     """
     for row in rows:
         if row < 0:
@@ -266,7 +266,7 @@ def decode_into(
     ``token`` is that of the commander whose frames are accepted, or `ANYBODY`, or `NOBODY`.
 
     ``latest`` and ``latest_times`` (by table row) are updated. ``times`` (by message row) keeps the time of the last
-    frame of each message. ``tally`` counts rejected frames.
+    frame of each message. ``tally`` counts accepted, lost and rejected frames.
     """
     count = 0
     for record in block:

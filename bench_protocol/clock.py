@@ -129,7 +129,7 @@ class VirtualClock:
 
     def attach(self, advance: Callable[[int], None], rest: Callable[[int, int], None] | None = None) -> None:
         """Connect a simulation: call ``advance(until_ns)`` for every interval of time, or ``rest`` if more time may
-        pass.
+        pass. With several simulations ``rest`` is not used.
         """
         self._worlds.append(advance)
         self._rest = rest if len(self._worlds) == 1 else None

@@ -75,7 +75,8 @@ class Dbc:
                 self._groups.setdefault(one.key[0], []).append(one)
 
     def of(self, identifier: int, extended: bool) -> Described | None:
-        """Return the message of frames with an identifier; None if the file has none.
+        """Return the message of frames with an identifier; None if the file has none, or several of the same J1939
+        group.
 
         J1939 messages are found by the group, for any priority and addresses. Raises DbcError if two messages have the
         identifier.

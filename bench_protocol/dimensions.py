@@ -151,14 +151,16 @@ def across(what: str) -> str:
 
 @cache
 def place(cell: str) -> tuple[str, str, str]:
-    """Return the names of the coordinates of a load cell (m): ahead, to the left and up."""
+    """Return the names of the three coordinates of a load cell (m): ahead, to the left and up."""
     ahead, left, up = (f"{cell} {way}" for way in WAYS)
     return ahead, left, up
 
 
 @cache
 def direction(cell: str) -> tuple[str, str, str]:
-    """Return the names of the unit vector along which a load cell pushes the bolster when it reads positive."""
+    """Return the names of the three components of the unit vector along which a load cell pushes the bolster when it
+    reads positive.
+    """
     ahead, left, up = (f"{cell} pushes {way}" for way in WAYS)
     return ahead, left, up
 

@@ -157,7 +157,7 @@ def twin_address(signal: Signal) -> int:
 def free_address(signals: Iterable[Signal]) -> int:
     """Return the input register for the float of the next new reading. Raises ValueError if none is left.
 
-    It is two registers after the present last sequence number of its block, which stays in its place.
+    The present last sequence number of the block stays in its place, and the float begins two registers after it.
     """
     taken = [reading_number(signal) for signal in signals if signal.kind in READINGS]
     for block in BLOCKS:
@@ -168,9 +168,10 @@ def free_address(signals: Iterable[Signal]) -> int:
 
 
 def registers_of(signals: Iterable[Signal]) -> tuple[Register, ...]:
-    """Return the Modbus map of ``signals`` by address: the server's own registers, readings, and writable signals.
+    """Return the Modbus map of ``signals`` by address: the server's own registers, readings, settings, actions and
+    interlocks.
 
-    Raises ValueError for a signal without the address that its kind needs.
+    Raises ValueError for a signal without the address that its kind needs, and for two readings with one address.
     """
     readings: dict[int, str] = {}
     others: list[Register] = []

@@ -1,6 +1,6 @@
-"""The table of signals: one row for every value on CAN and Modbus.  CAN messages, Modbus registers, the DBC, the
-codecs, the map hash, the columns of records and the reference page are generated from it. The attributes of the drivers
-are checked against it.
+"""The table of signals: one row for every value on CAN and Modbus. CAN messages, Modbus registers, the DBC, the codecs,
+the map hash, the columns of records and the reference page are generated from it. The attributes of the drivers are
+checked against it.
 """
 
 from typing import Final

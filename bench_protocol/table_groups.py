@@ -1,4 +1,4 @@
-"""The groups of sensors: one row each, with all properties that the packages need for sensors of that group."""
+"""The groups of sensors: one row each, with all properties of the sensors of that group."""
 
 from dataclasses import KW_ONLY, dataclass
 from enum import StrEnum
@@ -11,7 +11,7 @@ Ends = tuple[float, float]  #: lower and upper end (SI)
 
 @dataclass(frozen=True, slots=True)
 class SensorRow:
-    """The common properties of all sensors of a group (SI); properties that all packages need have no default.
+    """The common properties of all sensors of a group (SI); properties without a default must be given for each group.
 
     The simulated sensors use these values. They also replace values that a file of instruments lacks.
     """

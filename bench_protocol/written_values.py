@@ -49,7 +49,8 @@ def fitting_unit(number: float, si: str) -> str:
 def write_value(number: float, si: str, unit: str, digits: int | None = None) -> str:
     """Return ``number`` (SI) in ``unit`` as text, with ``digits`` significant digits.
 
-    Without ``digits`` `read_written` returns exactly ``number``; SI is used if ``unit`` cannot represent it.
+    Without ``digits`` the text has enough digits for `read_written` to return exactly ``number``; it is in SI if
+    ``unit`` cannot represent that.
     """
     factor = WRITTEN_UNITS[unit].factor
     quotient = number / factor

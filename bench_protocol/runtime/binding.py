@@ -1,4 +1,6 @@
-"""Compilation and calls of functions: a cache that covers all sources, and calls without type checks."""
+"""Compilation and calls of functions: a cache that is renewed if any of their sources changes, and calls without type
+checks.
+"""
 
 import os
 import pickle

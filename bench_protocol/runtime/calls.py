@@ -117,13 +117,17 @@ def wake(descriptor: int, one: Any) -> None:
 
 @inlined
 def send_word(descriptor: int, place: int) -> bool:
-    """Write the 8 bytes at the address ``place``; return False if no process reads any more."""
+    """Write the 8 bytes that begin at the address ``place`` to ``descriptor``; return False if no process reads any
+    more.
+    """
     return bool(_write(descriptor, place, 8) == 8)
 
 
 @inlined
 def receive_word(descriptor: int, place: int) -> bool:
-    """Wait for 8 bytes and read them to the address ``place``; return False if no process writes any more."""
+    """Wait for 8 bytes from ``descriptor`` and store them from the address ``place`` on; return False if no process
+    writes any more.
+    """
     return bool(_read(descriptor, place, 8) == 8)
 
 

@@ -27,7 +27,7 @@ def in_the_foreground(terminal: IO[str]) -> bool:
 
 
 def keep_algebra_to_one_core() -> None:
-    """Limit numpy to one core; must be called before numpy is loaded.
+    """Limit numpy to one core, unless OPENBLAS_NUM_THREADS is set; must be called before numpy is loaded.
 
     On a machine with other work, two threads of OpenBLAS wait for each other: a product takes fifty times as long.
     """

@@ -80,8 +80,8 @@ class Pacing(NamedTuple):
     def start(self, epoch: int, mutex: int, eventfd: int, policy: Late) -> None:
         """Switch to real time: the next tick is due one period from now.
 
-        ``epoch``: ns from the rig's time to the time of day; ``mutex``: its address; ``eventfd``: signals sent
-        frames.
+        ``epoch``: ns from the rig's time to the time of day; ``mutex``: address of the mutex that the tick locks;
+        ``eventfd``: signals sent frames.
         """
         record = self.record[0]
         record["start"], record["ticks"] = now(self.spec), 0

@@ -79,7 +79,9 @@ def take(ring: Any, out: Any, senders: Any) -> int:
 
 @_entry
 def drain(ring: Any, mutex: int, out: Any, senders: Any) -> int:
-    """Move the oldest frames to ``out``, their senders to ``senders``; return the number. ``mutex``: its address."""
+    """Move the oldest frames to ``out``, their senders to ``senders``; return the number. ``mutex``: address of the
+    mutex.
+    """
     thread = lock_yielding(mutex)
     count = take(ring, out, senders)
     unlock_yielding(mutex, thread)
