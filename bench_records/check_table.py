@@ -141,7 +141,7 @@ def _detail(one: Check) -> str:
 
 def certainty(one: Check) -> str:
     """Return a text with the probability of conformity and the largest causes of uncertainty, or with the reason why
-    there is no uncertainty.
+    there is no uncertainty. It is "" if neither is known.
     """
     if one.without and math.isfinite(one.number):
         return f"no uncertainty: {one.without}"

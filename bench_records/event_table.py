@@ -32,8 +32,8 @@ def _details(data: dict[str, Any]) -> str:
 
 
 def first_trip(record: Record) -> dict[str, Any] | None:
-    """Return sentences on the first tripped limit and its consequences, and a drawing of its signal. Return None if
-    no limit tripped.
+    """Return sentences on the first tripped limit and its consequences ("sentences"), and a drawing of its signal
+    ("drawing"). Return None if no limit tripped.
     """
     from bench_records.report_plots import time_panel
 

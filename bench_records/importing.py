@@ -256,7 +256,8 @@ def _own_comment(text: str) -> Comment | None:
 def _signal(path: Path, name: str, unit: str, known: Known) -> tuple[SignalInfo, tuple[float, float]]:
     """Return the signal of a column, and the factor and zero that convert the column's unit to SI.
 
-    Raises RecordError if the column is not a signal, or if its unit is missing, unknown or of another quantity.
+    Raises RecordError if the column is not a signal, or if its unit is missing, unknown, of another quantity, or an
+    absolute pressure.
     """
     found = _COLUMN.fullmatch(name)
     signal = known(found["name"]) if found else None

@@ -139,8 +139,8 @@ def comparison_row(pair: CheckPair) -> Row:
 
 
 def _figure(value: float, one: Check, *, sign: bool = False) -> str:
-    """Return an SI value as text in the unit of the check. The number of decimals gives the largest of value and
-    limits four digits.
+    """Return an SI value as text in the unit of the check. With its decimals, the largest of the value and the limits
+    has four digits.
     """
     if not math.isfinite(value):
         return "–"

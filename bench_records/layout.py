@@ -117,7 +117,8 @@ class Condition(msgspec.Struct, frozen=True):
 def phases_of(events: list[RecordedEvent], start_ns: int, end_ns: int) -> list[Phase]:
     """Return the phases between begin and end events, in the order of their begin.
 
-    If the end event of a phase is missing because the run was interrupted, the phase ends with the record.
+    If the end event of a phase is missing because the run was interrupted, the phase ends with the record, or with the
+    phase around it.
     """
     finished: list[Phase] = []
     order: list[int] = []

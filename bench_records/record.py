@@ -93,7 +93,8 @@ class Record:
         each name.
 
         Values between samples are interpolated linearly. Signals with named values keep the last value instead. Values
-        are NaN in gaps of more than ``gap`` seconds, before the first sample and after the last.
+        are NaN in gaps of more than ``gap`` seconds, before the first sample and after the last. Raises ``RecordError``
+        for an unknown name, a rate that is not positive, and too many rows.
         """
         import numpy as np
         import pandas as pd

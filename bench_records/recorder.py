@@ -134,7 +134,8 @@ class Recorder:
         """Store samples, given as three arrays (n,): nanoseconds, index of the signal, and value in SI. The arrays
         are copied.
 
-        Raises ``RecordError`` for arrays of different lengths, after ``close``, and after a disk error.
+        Raises ``RecordError`` for arrays of different lengths, an unknown signal, after ``close``, and after a disk
+        error.
         """
         import numpy as np
 

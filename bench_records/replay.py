@@ -87,8 +87,8 @@ def thinned(
     step: float,
     decimals: int,
 ) -> npt.NDArray[np.float64]:
-    """Return the sample that is valid at each of the instants 0, ``step``, 2 ``step`` … (s), rounded to ``decimals``.
-    It is NaN if there is none.
+    """Return the latest sample at each of the instants 0, ``step``, 2 ``step`` … (s), rounded to ``decimals``. It is
+    NaN without a sample in the last `STANDS` s.
     """
     import numpy as np
 

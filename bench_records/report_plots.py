@@ -62,8 +62,8 @@ class Series(NamedTuple):
 def envelope(times: Numbers, values: Numbers, bins: int = BINS) -> tuple[Numbers, Numbers]:
     """Reduce a series to the minimum and the maximum in each of ``bins`` intervals of time. Return times and values.
 
-    All peaks remain, and no value is interpolated. A series that is short enough is returned unchanged. Intervals
-    without samples become NaN, which interrupts the line. NaN values interrupt it only if an interval has no number at
+    All peaks remain, and no value is interpolated. A series that is short enough keeps all its samples. Long gaps
+    between samples get a NaN, which interrupts the line. NaN values interrupt it only if an interval has no number at
     all.
     """
     if times.size > 2 * bins:
@@ -96,8 +96,8 @@ def time_panel(
     marks: Sequence[float] = (),
     levels: Sequence[float] = (),
 ) -> str:
-    """Return a drawing of signals of one quantity over time. Phases are shaded, ``marks`` are times of trips, and
-    ``levels`` are limits.
+    """Return a drawing of signals of one quantity over time. Every second phase is shaded, ``marks`` are times of
+    trips, and ``levels`` are limits.
     """
     height = 1.62 + 0.17 * max(0, len(lines) - MANY_LINES)
     drawn = [envelope(line.times, line.values) for line in lines]

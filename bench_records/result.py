@@ -57,11 +57,12 @@ def judge(
     u: float | None = None,
     even: float = 0.0,
 ) -> CheckVerdict:
-    """Return the verdict on a value between limits, of which one may be None.
+    """Return the verdict on a value with limits, of which one may be None. A value beyond a limit fails, and one that
+    is not finite is an error.
 
-    With a standard uncertainty ``u``, the probability of conformity decides; ``even`` is the uniformly distributed
-    part of ``u``. Without ``u`` the margin decides: a fraction of the band ``high - low``, or of the magnitude of a
-    single limit.
+    For other values with a standard uncertainty ``u``, the probability of conformity decides between pass and marginal;
+    ``even`` is the uniformly distributed part of ``u``. Without ``u`` the margin decides: a fraction of the band ``high
+    - low``, or of the magnitude of a single limit.
     """
     if not math.isfinite(value):
         return CheckVerdict.ERROR

@@ -28,8 +28,8 @@ TRIP = "trip"
 
 
 def numbered(phases: list[Phase]) -> list[tuple[str, Phase]]:
-    """Return pairs of a phase's number in the strip and the phase. Set-up, main and tear-down have no
-    number, but "".
+    """Return pairs of a phase's number in the drawing of the phases, and the phase. Set-up, main and tear-down have ""
+    instead of a number.
     """
     numbers = count(1)
     return [(str(next(numbers)) if phase.level else "", phase) for phase in phases]
@@ -54,8 +54,8 @@ class Drawn(NamedTuple):
 
 
 def time_panels(record: Record, phases: list[Phase], span: tuple[float, float]) -> list[Drawn]:
-    """Return a drawing over the time ``span`` (s) for each quantity. The phases of the deepest level are shaded, and
-    the first trip is marked.
+    """Return a drawing over the time ``span`` (s) for each quantity. Every second phase of the deepest level is shaded,
+    and the first trip is marked.
     """
     from bench_records.report_plots import time_panel
 
@@ -84,8 +84,8 @@ def _fine(lines: list[Series]) -> list[Trace]:
 
 
 def lines_by_quantity(record: Record, names: list[str]) -> list[tuple[str, str, list[Series]]]:
-    """Return quantity, unit and lines of each panel, in the order of the table of signals. A panel has one quantity
-    and one unit.
+    """Return quantity, unit and lines of each panel, in the order of ``names``. A panel has one quantity and one unit.
+    Signals without a quantity or samples, or with named values, are left out.
     """
     from bench_records.report_plots import Series
 

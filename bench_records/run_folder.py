@@ -71,8 +71,7 @@ def result_without(record: Record) -> Result:
 
 
 def facts_of(directory: Path) -> dict[str, Any]:
-    """Return the facts about the origin of a run from `meta.json`. If a disk error left a stream, they are read from
-    it.
+    """Return the facts about the origin of a run from `meta.json`, or from the stream while there is one.
 
     The result is empty if neither can be read.
     """

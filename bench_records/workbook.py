@@ -84,7 +84,8 @@ def write_row(sheet: Any, place: int, values: Sequence[Any], *form: Any) -> None
 def write_run(record: Record, result: Result | None, path: Path, rate: float, names: Sequence[str]) -> int:
     """Write a run: facts, checks, curves, and its record at ``rate`` (Hz). Return the number of rows of the record.
 
-    Raises RecordError for an unknown name, or if a sheet cannot have that many rows.
+    Raises RecordError for an unknown name, if a sheet cannot have that many rows, or if the extra `excel` is not
+    installed.
     """
     from bench_records.exchange import table_of
 

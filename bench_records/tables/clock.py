@@ -245,8 +245,8 @@ def many(rows: int) -> str:
 
 
 def check_order(sheet: Sheet, seconds: Seconds, account: Account, where: str) -> None:
-    """Raise RecordError for a clock that decreases or jumps by a year. Add a remark to ``account`` for one that stops
-    or jumps.
+    """Raise RecordError for a clock that decreases, never advances, or jumps by more than a year. Add a remark to
+    ``account`` for one that stops or jumps.
 
     Rows without a time are ignored.
     """

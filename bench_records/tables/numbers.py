@@ -83,7 +83,8 @@ def numbers(
     account: Account | None,
     where: str,
 ) -> npt.NDArray[np.float64]:
-    """Return the numbers (n,) in a column of text, with NaN for an empty cell or a code for a missing value.
+    """Return the numbers (n,) in a column of text, with NaN for an empty cell or a text that is a code for a missing
+    value.
 
     ``decimal`` is the decimal separator to use if the column itself does not show it. Missing and infinite values are
     counted in ``account``. Raises RecordError, with line, for a cell that is not a number or is ambiguous.

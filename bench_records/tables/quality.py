@@ -148,7 +148,8 @@ def examine(
 ) -> tuple[dict[str, Series], list[Remark]]:
     """Return the columns of a file without values that are not measurements, and remarks on these values.
 
-    ``inputs`` are columns that drive a simulation. In these, values that stay constant by a fault are not removed.
+    ``inputs`` are columns that drive a simulation. In these, readings at a limit or stuck by a sensor fault are not
+    removed.
     """
     found, remarks = without_codes(file, columns, nulls, inputs)
     signals = {name: _Signal.of(one) for name, one in found.items()}

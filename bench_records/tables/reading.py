@@ -155,8 +155,8 @@ def of_sheet(
 
 
 def clock_place(sheet: Sheet, time: TimeSource, where: str, account: Account) -> int:
-    """Return the index of the clock column. If no column has the name of the clock, it is the index of a pandas
-    frame.
+    """Return the index of the clock column. Without a column of the default name, it is the column that pandas has
+    stored as the index of its frame.
     """
     if sheet.clock is not None and not sheet.places(time.column) and time.column == TimeSource().column:
         name = sheet.columns[sheet.clock].name

@@ -278,8 +278,8 @@ def _order(texts: dict[str, int]) -> Literal["dmy", "mdy"] | None:
 def over_midnight(
     ns: npt.NDArray[np.int64], there: npt.NDArray[np.bool_], period: int = DAY
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
-    """Return times of day that continue after midnight, so that they do not decrease. ``there`` is returned
-    unchanged.
+    """Return times of day that continue after midnight, so that they do not decrease. ``there`` (n,) marks the rows
+    that have a time, and is returned unchanged.
 
     With another ``period`` (ns), counters that restart after this period are continued.
     """

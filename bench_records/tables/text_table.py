@@ -97,7 +97,7 @@ def text_lines(path: Path, encoding: str, account: Account) -> list[str]:
 
 def _without_zeros(content: bytes, account: Account) -> bytes:
     """Return the content without lines that contain a byte 0, for example after a power cut. They are counted in
-    ``account``.
+    ``account``. Content with many such lines is returned unchanged, because it is not text.
     """
     lines = content.split(b"\n")
     cut = [number for number, line in enumerate(lines, 1) if b"\0" in line]
