@@ -310,8 +310,8 @@ def _own_units(definitions: Sequence[Any], si: Mapping[_Size, str]) -> dict[str,
 
 
 def _unit(path: Path, variable: str, name: str, definition: Any, si: Mapping[_Size, str]) -> FmuUnit:
-    """Return the unit of a variable. Raises FmuError if the FMU defines a known unit with another size. Some tools
-    define angles as plain numbers, others with the base unit rad; both are accepted.
+    """Return the unit of a variable. Raises FmuError if the FMU defines a known unit with another factor, offset or
+    base units. Some tools define angles as plain numbers, others with the base unit rad; both are accepted.
     """
     plain = _plain(name)
     base = None if definition is None else definition.baseUnit

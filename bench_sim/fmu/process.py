@@ -164,8 +164,8 @@ def print_log(text: str) -> None:
 
 
 class RequestPipes:
-    """The pipes of a worker process: requests from its parent, and answers to it. From then on, all that the FMU
-    prints goes to the log, and standard input is empty.
+    """The pipes of a worker process: requests from its parent, and answers to it. From its creation on, all that the
+    FMU prints goes to the log, and standard input is empty.
     """
 
     def __init__(self) -> None:

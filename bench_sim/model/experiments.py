@@ -53,8 +53,8 @@ def course(shape: int, amplitude: float, frequency: float, t: float) -> tuple[fl
 
 @compiled
 def place_bolster(t: float, motion: Any, x: Any) -> None:
-    """Write the prescribed motion into the bolster's states. A row of ``motion`` has shape, offset, amplitude,
-    frequency and start.
+    """Write the prescribed motion into the bolster's states. ``motion`` (3, 5) has one row for each direction: shape,
+    offset, amplitude, frequency and start.
     """
     for k in range(3):
         displacement, speed = course(
@@ -206,7 +206,8 @@ def dynamic_stiffness(
     cycles.
 
     The stiffness is the first harmonic of the force on the bolster, divided by that of the displacement; a restoring
-    force is positive. ``offsets`` is the mean position of the bolster (lateral, vertical, roll).
+    force is positive. ``offsets`` is the mean position of the bolster (lateral, vertical, roll; m, m, rad). The valves
+    of the plant are closed (`isolate`), and the plant keeps its last state.
     """
     isolate(plant)
     per_cycle = max(16, int(np.ceil(1.0 / (frequency * longest_step) - 1e-9)))

@@ -150,7 +150,7 @@ def heat_term(x: Any, mem: Any, par: Any, out: Any, dx: Any) -> None:
 @compiled
 def note_densities(x: Any, mem: Any, par: Any, out: Any) -> None:
     """At the start of a step, store the density of each chamber and its factor (`density_factor`), if the density has
-    changed.
+    changed by more than a thousandth.
     """
     for i in range(2):
         keep_density(mem, par, i, x[State.BELLOWS_MASS + i] / out[Algebraic.VOLUME + i])

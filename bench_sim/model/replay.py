@@ -328,12 +328,13 @@ def replay(
     """Return the readings of each sensor (n, SENSORS) for ``motion`` of the bench, without noise and quantisation.
 
     ``parameters`` is a record (``bench_sim.parameters.Parameters.record``). ``inputs`` (n, INPUTS) are the valves
-    during each interval, ``supply`` (n) is the absolute pressure behind the main valve in Pa. The replay starts at
-    rest with relaxed rubber, except for the deformation in ``before``. It starts ``start`` s after the bench was
-    switched on; sensors drift from that moment. The steps are equal parts of an interval, at most ``step`` s long.
-    ``rows`` (n, ALGEBRAICS) is filled with the algebraic variables behind the readings. At ``changes`` masses,
-    energies and dash-pots keep their values, and changed drifts start there. If readings get a delay by a change, they
-    must have a small delay from the start. Other Python threads can run meanwhile.
+    during each interval, ``supply`` (n) is the absolute pressure behind the main valve in Pa. The replay starts at rest
+    with relaxed rubber, except for the deformation in ``before``. It starts ``start`` s after the bench was switched
+    on; sensors drift from that moment. The steps are equal parts of an interval, at most ``step`` s long. ``rows`` (n,
+    ALGEBRAICS) is filled with the algebraic variables behind the readings. At ``changes`` masses, energies and
+    dash-pots keep their values, and changed drifts start there. If readings get a delay by a change, they must have a
+    small delay from the start. Other Python threads can run meanwhile. Raises ValueError for a ``step`` above `STEP`
+    and for wrong shapes.
     """
     if not 0.0 < step <= STEP:
         raise ValueError(

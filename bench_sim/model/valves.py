@@ -115,7 +115,8 @@ def lever_term(x: Any, par: Any, out: Any, dx: Any) -> None:
 def chamber_flow(
     supply: float, p: float, T: float, fill: float, exhaust: float, par: Any
 ) -> tuple[float, float]:
-    """Return the flow (kg/s) into a chamber from the supply or to the atmosphere, and the enthalpy that it carries (W).
+    """Return the net flow (kg/s) into a chamber, from the supply and to the atmosphere, and the enthalpy that it
+    carries (W).
 
     ``fill`` and ``exhaust`` are conductances. A check valve prevents flow back into the supply. Through an open exhaust
     air flows into a chamber below atmospheric pressure.
@@ -138,8 +139,8 @@ def chamber_flow(
 
 @compiled
 def chamber_term(x: Any, par: Any, side: int, fill: float, exhaust: float, out: Any, dx: Any) -> float:
-    """Add the flow from the supply or to the atmosphere (`chamber_flow`) to one auxiliary chamber. Return
-    it in kg/s.
+    """Add the net flow from the supply and to the atmosphere (`chamber_flow`) to one auxiliary chamber. Return it in
+    kg/s.
     """
     p = out[Algebraic.AUXILIARY_PRESSURE + side]
     T = out[Algebraic.AUXILIARY_TEMPERATURE + side]

@@ -72,7 +72,7 @@ def read_effect(name: str, given: Mapping[str, Any]) -> dict[str, float]:
 
 def read_effect_text(name: str, text: Any) -> dict[str, float]:
     """Return the values (SI) of the effect ``name`` from a text like ``0.1, time=0.5 s``, which begins with the
-    amplitude.
+    amplitude. Raises `ParameterError` for an invalid text.
     """
     effect, _ = find_effect(name)
     amplitude, *shapes = str(text).split(",")

@@ -133,7 +133,7 @@ def default_entry(quantity: Quantity) -> Entry:
 
 def changed(name: str, entry: Entry, value: Any) -> Entry:
     """Return a copy of the entry with another value (SI). A single number applies to every element. Raises
-    `ParameterError`.
+    `ParameterError` for a wrong shape or a value out of range.
     """
     new = replace(entry, value=shaped(name, value, entry.value.shape))
     check_range(name, new)

@@ -131,7 +131,9 @@ def read_changes(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def extended(base: Set, model: Model, name: str) -> Set:
-    """Return ``base`` with the changes and effects of ``model``, under the new ``name``. Raises `ParameterError`."""
+    """Return ``base`` with the changes and effects of ``model``, under the new ``name``. Raises `ParameterError` for an
+    invalid change or effect.
+    """
     return with_effects(replace(with_changes(base, model.changes), name=name), model.effects)
 
 

@@ -103,7 +103,9 @@ class CanopenNode:
         return int(self._controls["node_state"]) == NmtState.OPERATIONAL
 
     def start(self) -> None:
-        """Set the state after booting, without a boot-up message. Called when the bench has another holder or none."""
+        """Restore the state that the node has after booting, without a boot-up message. Called when the holder of the
+        bench changes or leaves.
+        """
         if not self.operational or self.objects.parameters != DEFAULTS:
             self._restore()
 

@@ -49,7 +49,9 @@ _IDENTIFIER_ROW: Final = TABLE.index["rig.stranger_identifier"]
 
 
 class Steering(NamedTuple):
-    """Data of the set-points by table row: target (-1: none), necessary control mode (-1: any), and range."""
+    """Data of the set-points by table row: index of the moved axis (`Target`; -1: none), necessary control mode (-1:
+    any), and range.
+    """
 
     targets: npt.NDArray[np.int64]
     modes: npt.NDArray[np.int64]
@@ -200,7 +202,8 @@ def _prove(c: Any, block: Any, sender: int, published: Any) -> None:
 
 @compiled
 def _may_prove(c: Any, sender: int, token: int) -> bool:
-    """Return whether ``token`` makes ``sender`` the commander. A wrong token is counted for this sender.
+    """Return whether ``token`` makes ``sender`` the commander. A wrong token is counted for this sender, and after
+    ``TRIES_MAX`` of them none is accepted.
 
     If frames have no sender, wrong tokens are not counted, because they cannot be distinguished from other commands.
     """
@@ -242,7 +245,7 @@ def take_waiting(c: Any, incoming: Incoming, published: Any) -> int:
 def _take_block(c: Any, block: Any, sender: int, incoming: Incoming, published: Any) -> None:
     """Process frames from one ``sender`` (`peers.sender_of`), with the tick as their time stamp.
 
-    Only frames from the commander's connection and with its token have an effect.
+    Only frames from the commander's connection and with its token have an effect, and requests for the lease.
     """
     if c.token != 0 and c.commander < 0:
         _prove(c, block, sender, published)

@@ -43,7 +43,9 @@ class Emergencies:
         return register
 
     def report(self, reason: Reason, tripped: int = 0) -> None:
-        """Send an error, unless it is already active. ``tripped`` is the number of the limit, as in ``rig.tripped``."""
+        """Send an error, unless it is already active. ``tripped`` is the number of the reading that exceeded its limit,
+        as in ``rig.tripped``.
+        """
         code = EMERGENCY_CODES[reason]
         if (code, tripped) in self._active:
             return

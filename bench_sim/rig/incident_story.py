@@ -63,8 +63,8 @@ def _measured(incident: Incident) -> Iterator[tuple[Signal, npt.NDArray[np.int16
 
 
 def _before(incident: Incident, first: str) -> list[str]:
-    """Return sentences on readings that were missing, stuck or changing before the trip. The signal ``first`` is
-    first, then the largest changes.
+    """Return sentences on readings that were missing, stuck or changing before the trip. Missing and stuck readings and
+    the signal ``first`` come first, then the largest changes.
     """
     sentences: list[tuple[float, str, str]] = []
     for signal, samples in _measured(incident):

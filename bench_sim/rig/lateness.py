@@ -22,7 +22,8 @@ _LATE_ROW: Final = TABLE.index["rig.late_ticks"]
 def count_lateness(values: Any, late: int, pacing: Any) -> int:
     """Count a tick that begins ``late`` ns after its deadline. Return the events for the supervisor.
 
-    The counts are signals in ``values`` (by table row).
+    The counts are signals in ``values`` (by table row). With the policy SKIP, all later deadlines are moved by the
+    missed periods.
     """
     for k in range(len(_BIN_ROWS)):
         if late < _BIN_EDGES[k]:

@@ -41,8 +41,8 @@ class Lease:
     prove that the client still runs. A connection that has lost the lease in this way is refused until it requests the
     lease again.
 
-    ``on_change`` is called when the bench has a new holder or none. ``on_end`` is called when the bench loses its
-    holder, or the holder loses one of its two connections.
+    ``on_change`` is called when the holder of the bench changes or leaves. ``on_end`` is called when the bench loses
+    its holder, or the holder loses one of its two connections.
     """
 
     def __init__(
@@ -241,8 +241,8 @@ class Lease:
         return word
 
     def _hand_out(self, token: int, commander: int = -1) -> None:
-        """Set the ``token`` of the holder. It is published only with a known ``commander`` on CAN, which sends it
-        openly.
+        """Set the ``token`` of the holder, and its CAN connection ``commander`` (-1: none known). The signals show the
+        token only with a known commander, whose frames show it anyway.
         """
         c = self._controls
         c["token"], c["commander"] = token, commander

@@ -40,7 +40,9 @@ class Host(Protocol):
 
     @property
     def seen(self) -> npt.NDArray[np.float64]:
-        """Return a copy of ``values`` at one sampling instant, for one request."""
+        """Return all signals by table row (SI) at one sampling instant, for the Modbus request that is being
+        answered.
+        """
 
     @property
     def sequence(self) -> int:

@@ -403,7 +403,9 @@ class Rig:
 
     @property
     def seen(self) -> npt.NDArray[np.float64]:
-        """Return all signals by table row (SI), at the sampling instant of the present request."""
+        """Return all signals by table row (SI), at the sampling instant of the Modbus request that is being
+        answered.
+        """
         return self._seen
 
     @property

@@ -161,7 +161,9 @@ class Supervisor:
         self._controls["ordered"] = 0
 
     def forget(self) -> None:
-        """Discard the program and settings of the last holder. Called when the bench has a new holder or none."""
+        """Discard the program and settings of the last holder. Called when the holder of the bench changes or
+        leaves.
+        """
         c = self._controls
         self._in_force.generator.drop()
         self._bits = ControlBit.NONE

@@ -175,7 +175,7 @@ def _opening(mode: int, target: float, pressure: float) -> float:
 
 @compiled
 def _set_inputs(c: Any, u: Any, pressure_left: float, pressure_right: float) -> None:
-    """Convert the controls to the inputs of the plant.
+    """Move the set-points by one tick, and convert the controls to the inputs of the plant.
 
     An actuator in displacement control follows its own transducer, so it has the zero error of this transducer.
     """

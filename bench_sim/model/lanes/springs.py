@@ -83,7 +83,8 @@ class Course(NamedTuple):
 class LaneSpring:
     """One spring to be integrated: its column (`bench_sim.model.lanes.start`), parameter record, side and course.
 
-    Its plate is ``shift`` m to the left of the course. Its supply pressure is ``supply_error`` Pa below the course.
+    Its plate is ``shift`` m to the left of that of the course. Its supply pressure is ``supply_error`` Pa below that of
+    the course.
     """
 
     column: NDArray[np.float64]
@@ -241,7 +242,9 @@ def recall(w: Any, sides: Any, memory: Any, scratch: Any) -> None:
 
 @compiled
 def most(w: Any, row: int, count: int) -> int:
-    """Return the largest number of non-zero rows in any lane, counted from ``row`` on, of at most ``count``."""
+    """Count in each lane the rows from ``row`` on until the first zero, at most ``count``. Return the largest
+    number.
+    """
     used = 0
     for i in range(LANES):
         own = 0

@@ -1,7 +1,7 @@
 """Converts parameters and initial state of a spring to one column of `bench_sim.model.lanes.layout`.
 
-The column contains most inputs for the integration of this spring. Further inputs are the course of its plates, and
-the parameters of fitted surfaces and valves; see `bench_sim.model.lanes.springs.LaneSpring.key`.
+The column contains most inputs for the integration of this spring. Further inputs are the motion of its plates, and the
+parameters of fitted surfaces and valves; see `bench_sim.model.lanes.springs.LaneSpring.key`.
 """
 
 from functools import lru_cache
@@ -86,7 +86,9 @@ def _fill_states(w: Any, i: int, x: Any, mem: Any) -> None:
 
 @compiled
 def _fill_rubber(w: Any, i: int, par: Any) -> None:
-    """Write stiffness, relaxation and friction of the rubber, and stiffness of emergency spring and contact."""
+    """Write the parameters of the rubber (stiffness, relaxation, friction), of the emergency spring (compliance, creep,
+    preload) and of the contact.
+    """
     w[Lane.RATIOS] = 0.0
     for j in range(BRANCHES):
         w[Lane.RATIO + LANES * j] = par.maxwell_ratio[j]

@@ -70,7 +70,7 @@ def hold_inputs(faults: Any, u: Any) -> None:
 def disturb(faults: Any, tick: int, par: Any, readings: Any) -> None:
     """Change the readings (SI) of one sampling instant, in the order in which the faults were switched on.
 
-    A reading with an offset or a wrong sign stays within the range of its sensor.
+    A reading with an offset, drift, spikes, noise or a wrong sign stays within the range of its sensor.
     """
     for row in range(faults.counts[0]):
         one = faults.disturbances[row]

@@ -101,7 +101,7 @@ class TickFaults:
         return undo
 
     def _save(self) -> None:
-        """Save the values of stuck readings, which the tick has stored."""
+        """Copy the disturbances back from the arrays of the tick, which has added the values of stuck readings."""
         for place, row in enumerate(self._rows):
             row[0] = self._arrays.disturbances[place]
 

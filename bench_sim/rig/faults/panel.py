@@ -67,10 +67,11 @@ class FaultPanel:
         return tuple(self._on.values())
 
     def on(self, name: str, given: Mapping[str, Any], lasting: float | None = None) -> ActiveFault:
-        """Switch a fault on, or replace it if it is active. It ends after ``lasting`` s if a time is given. Return
-        the active fault.
+        """Switch a fault on, or replace it if it is active. It ends after ``lasting`` s. Without this time, the kind of
+        fault decides whether it ends. Return the active fault.
 
-        Raises FaultError for an unknown fault or invalid values; then nothing changes.
+        Raises FaultError for an unknown fault or invalid values; then nothing changes. Also raises FaultError for a
+        fault that this rig cannot have now.
         """
         fault = find_fault(name)
         values = fault.read(given)

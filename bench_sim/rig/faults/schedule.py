@@ -24,7 +24,7 @@ class Schedule:
         return int(self._controls["tick"])
 
     def at(self, tick: int, do: Callable[[], None]) -> Undo:
-        """Call ``do()`` after ``tick``, or after the next tick if that has passed. Return a function that cancels
+        """Call ``do()`` after ``tick``, or after the next tick if ``tick`` has passed. Return a function that cancels
         this.
         """
         number = next(self._order)
