@@ -43,7 +43,7 @@ class Air(Device):
 
         ``to`` is for both springs, ``left`` and ``right`` are for one spring each. A spring without a pressure keeps
         its valve positions. The rig continues filling until the next order. Air reaches a bellows only through its
-        auxiliary chamber. Raises Misuse if this chamber is shut off.
+        auxiliary chamber. Raises Misuse if this chamber is shut off, and BenchTimeout after ``within`` s.
         """
         targets = self._targets("fill", to, left, right)
         self._order("fill", targets)

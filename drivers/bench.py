@@ -184,8 +184,9 @@ class Bench(Link):
     def arm(self, within: float = 10 * s, *, to: str = "ACTIVE") -> None:
         """Bring the bench from any state to ACTIVE, with all set-points at the measured values.
 
-        Resets a latched fault first. If ``to`` is an earlier state of the start-up sequence, stops there. Raises
-        RigFault if the rig refuses or enters a fault, and BenchTimeout if it takes longer than ``within`` s.
+        Resets a latched fault first. If ``to`` is an earlier state of the start-up sequence, stops there. Raises Misuse
+        if that sequence does not lead to ``to``, RigFault if the rig refuses or enters a fault, and BenchTimeout if it
+        takes longer than ``within`` s.
         """
         left = self._countdown(within)
         steps = self.wiring.sequences.up

@@ -119,7 +119,7 @@ class Commander:
         """Move set-points by ``offsets`` (SI, each (cycles,)) from their present values, one value each cycle.
 
         All start on the same cycle. Setting another value for one of them ends the waveform. Raises Misuse, without a
-        motion, for a value out of range or a set-point without a value.
+        motion, for a value out of range, a set-point without a value, and too many set-points or cycles.
         """
         rows = np.array([self._row(name) for name in offsets], np.int64)
         table = np.array(list(offsets.values()), np.float64)

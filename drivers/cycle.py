@@ -134,7 +134,7 @@ def send_cycles(
     """Send a block at each ``start + k period`` (monotonic, ns), k = 1, 2, …; return 0 when stopped, else an errno.
 
     ``wire`` (1,) has the descriptor of the socket. ``mutex`` is the address of the mutex of the set-points,
-    ``wire_mutex`` that of the socket.
+    ``wire_mutex`` that of the socket. ``lines`` selects lines of socketcand, else struct can_frame.
     """
     counts = cycle.counts[0]
     due = start

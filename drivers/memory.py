@@ -99,7 +99,7 @@ class _Mishaps:
         self._passed = 0
 
     def through(self, block: Block) -> Block:
-        """Return the frames of ``block`` after the faults: some are lost, doubled or delayed."""
+        """Return the frames of ``block`` with the simulated faults: some are lost, doubled or delayed."""
         faults, chance, out = self._faults, self._chance, []
         for k in range(block.size):
             frame = block[k : k + 1]
@@ -139,7 +139,7 @@ class FaultyCan:
         port.subscribe(self._receive)
 
     def send(self, block: Block) -> None:
-        """Send the frames of ``block`` after the faults."""
+        """Apply the simulated faults to the frames of ``block``, and send the remaining ones."""
         survivors = self._outward.through(block)
         if survivors.size:
             self._port.send(survivors)
@@ -148,7 +148,7 @@ class FaultyCan:
             self._hand_on(block[echoed])
 
     def subscribe(self, callback: OnFrames) -> None:
-        """Call ``callback(block)`` with the received frames after the faults."""
+        """Call ``callback(block)`` with the received frames that remain after the simulated faults."""
         self._subscribers += (callback,)
 
     def on_lost(self, callback: OnLost) -> None:

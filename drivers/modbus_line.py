@@ -90,7 +90,7 @@ class SharedClient:
         """Send a request and return the reply.
 
         A ``repeatable`` request is sent again if the device had closed the connection, or if an earlier answer was
-        lost.
+        lost. Other requests are sent again only if this device has closed connections after answers before.
         """
         doubtful = self._settle()
         self._came = b""
@@ -229,7 +229,9 @@ class SharedClient:
             self.discarded += at <= len(data) and self._request[:2] != number.to_bytes(2, "big")
 
     def _look(self) -> None:
-        """Detect whether the device has closed the connection since its last answer, or sent more bytes."""
+        """Close the connection if the device has closed it, or has sent more bytes, since its last answer. If answers
+        have no number, only discard the bytes.
+        """
         found = self.client.socket
         if not isinstance(found, socket.socket):
             if found is not None and found.in_waiting:

@@ -247,9 +247,9 @@ def open_modbus(
 ) -> ModbusPort:
     """Connect to a device. ``timeout`` (s) limits the connection and each answer, ``within`` (s) the first connection.
 
-    ``rtu``: frames are those of a serial line. ``each``: a connection for each request. ``echo``: answers repeat unit
-    and request number. ``shared``: share the connection with other ports at the same address. Raises LinkLost if the
-    device cannot be reached.
+    ``rtu``: frames are those of a serial line. ``each``: a connection for each request. ``echo``: only answers with the
+    unit and number of the request are accepted. ``shared``: share the connection with other ports at the same address.
+    Raises LinkLost if the device cannot be reached.
     """
     where = f"{host}:{port}"
 

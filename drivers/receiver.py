@@ -42,8 +42,8 @@ class Receiver:
         self.rates: dict[str, float] = {}
 
     def receive(self, times: Ints, rows: Ints, values: Floats, fresh: Ints | int) -> None:
-        """Store samples, and pass them to captures and the sink. Their age counts from ``fresh`` (ns, of each or of
-        all).
+        """Store samples, and pass them to captures and the sink. Their age counts from the time ``fresh`` (ns), one for
+        each sample or one for all.
         """
         with self._lock:
             self._latest[rows] = values
@@ -125,8 +125,8 @@ class Capture:
     def aligned(self, rate: float = 200.0) -> tuple[Floats, dict[str, Floats]]:
         """Return common times (s, ``rate`` per second) and the values of all signals at these times.
 
-        Numbers are interpolated linearly, choices keep their last value. A gap in the samples longer than the
-        signal's stale limit becomes NaN.
+        Numbers are interpolated linearly, choices keep their last value. A gap in the samples longer than the signal's
+        stale limit becomes NaN. Raises Misuse without any sample, Stale if only some signals have one.
         """
         if not 0.001 <= rate <= 10_000:
             raise Misuse(f"rate = {rate:g} Hz is outside 0.001 to 10000 Hz")

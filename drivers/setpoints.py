@@ -99,7 +99,9 @@ def _release(setpoints: Any, row: int) -> None:
 
 @entry
 def change(setpoints: Any, mutex: int, rows: Any, values: Any) -> None:
-    """Set the set-points ``rows`` to ``values`` (SI) together from the next cycle on; ``mutex`` is its address."""
+    """Set the set-points ``rows`` to ``values`` (SI) together from the next cycle on; ``mutex`` is the address of their
+    mutex.
+    """
     lock_mutex(mutex)
     for k in range(rows.size):
         _release(setpoints, rows[k])

@@ -117,7 +117,7 @@ class Settings:
         return self.reading(name) == 1
 
     def contacts(self) -> dict[str, bool]:
-        """Return all contacts of the interlocks that the rig has."""
+        """Return whether each contact of the interlocks that the rig has is on, by name."""
         contacts = self._read(self._present(Kind.INTERLOCK))
         return {name: on == 1 for name, on in contacts.items()}
 

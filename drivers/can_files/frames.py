@@ -27,7 +27,7 @@ class Kind(NamedTuple):
 
 
 class Frames:
-    """The frames of one log. ``unit`` states what their places count: lines or frames of the file."""
+    """The frames of one log. ``places`` are numbers of lines or of frames in the file, as ``unit`` states."""
 
     def __init__(self, unit: str = "line") -> None:
         self.unit = unit

@@ -82,7 +82,9 @@ def opened(path: Path) -> BinaryIO:
 
 
 def lines_of(path: Path, account: Account) -> Iterator[Line]:
-    """Yield the lines that are not empty. Raises CanLogError for an unreadable file, or a line that is far too long."""
+    """Yield the lines that are not empty. Raises CanLogError for an unreadable file, and for a line or a file that is
+    too long.
+    """
     with opened(path) as file:
         head = _peeked(path, file)
         mark, charset = next(((m, name) for m, name in _MARKS if head.startswith(m)), (b"", "latin-1"))

@@ -175,7 +175,9 @@ class _Reader:
         return found
 
     def _remembered(self) -> dict[str, str]:
-        """Return a note of the settings that no point reads back."""
+        """Return a sentence, for notes on the rig, on the settings that no point reads back; empty if there are
+        none.
+        """
         names = [name for name, one in self._settings.items() if one.fixed is None and not one.read]
         return {"settings": f"assumed to be the last written value: {', '.join(names)}"} if names else {}
 

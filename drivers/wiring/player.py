@@ -123,8 +123,8 @@ class Player:
     # -- actions -------------------------------------------------------------------------------------------------
 
     def add(self, modes: Mapping[str, float], setpoints: Floats, *, active: bool) -> None:
-        """Store the wave of the present settings; the next :meth:`run` starts all stored waves. Raises Refused for the
-        same reasons.
+        """Store the wave of the present settings; the next :meth:`run` starts all stored waves. Raises Refused as `run`
+        does, while a program is held, and for too many waves.
         """
         with self._lock:
             if not active:
@@ -144,8 +144,8 @@ class Player:
         """Start the wave of the present settings, or all added waves, or resume a held program.
 
         ``modes``: the control modes in force by the name of their setting; ``setpoints`` (SI) by table row. Raises
-        Refused, with the reason, for a wave that a generator would refuse, NotAvailable for a set-point that the rig
-        lacks.
+        Refused, with the reason, if the bench is not ``active``, if a program runs, and for a wave that a generator
+        would refuse. Raises NotAvailable for a set-point that the rig lacks.
         """
         with self._lock:
             if not active:
@@ -182,8 +182,8 @@ class Player:
     def advance(self, time: int, *, active: bool) -> dict[int, float]:
         """Advance the program to ``time`` (ns); return the offsets of the set-points (SI) by table row.
 
-        If the bench is not ``active``, the program ends at once: a new start sets all set-points to the measured
-        values.
+        If the bench is not ``active``, the program ends at once and its offsets are dropped, because arming sets all
+        set-points to the measured values.
         """
         with self._lock:
             time = self._played(time)

@@ -107,7 +107,7 @@ class AstbRegisters:
     def write(self, values: Mapping[str, float]) -> None:
         """Stage ``values`` (SI, within their ranges) in one request and put them in force with APPLY.
 
-        Raises ``Refused`` if the rig rejects them. All values in the rig, also staged ones, are then unchanged.
+        Raises ``Refused`` if the rig rejects them. The values in force are then unchanged, and are staged again.
         """
         with self._lock:
             before = self.in_force()  # read each time, because the rig may reset settings by itself
@@ -124,8 +124,8 @@ class AstbRegisters:
                 raise Refused(f"the rig refused {request}: {reason}", refused.code) from None
 
     def _stage(self, known: Mapping[str, float], values: Mapping[str, float]) -> None:
-        """Write all registers from the first to the last of ``values`` in one request; others between them keep their
-        values.
+        """Write all registers from the first to the last of ``values`` in one request; others between them get their
+        ``known`` values.
         """
         addresses = [self._holding[name].address for name in values]
         span = [r for r in self._holding.values() if min(addresses) <= r.address <= max(addresses)]
@@ -158,7 +158,7 @@ class AstbRegisters:
         return f"{text} (Modbus exception {refused.code})" if text else str(refused)
 
     def contacts(self) -> dict[str, bool]:
-        """Return all contacts of the interlocks, read in one request."""
+        """Return whether each contact of the interlocks is on, by name, read in one request."""
         first = min(register.address for register in self._contacts.values())
         bits = self._port.read_discrete(first, len(self._contacts))
         return {name: bits[register.address - first] for name, register in self._contacts.items()}
@@ -240,7 +240,8 @@ class AstbRegisters:
         return (words[1] << 16) | words[2]
 
     def differences(self, map_hash: int) -> Differences:
-        """Return the differences between our table and the rig's map, whose hash is ``map_hash``.
+        """Return the differences between our table and the rig's map, whose hash is ``map_hash``. Missing readings are
+        not requested from then on.
 
         Raises `MapMismatch` if the rig does not report its map, or if a bench must not run with it.
         """

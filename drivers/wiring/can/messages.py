@@ -95,7 +95,9 @@ def read_messages(
 
 
 def _described(name: str, coding: Coding, by_file: Described | None, j1939: object) -> Described:
-    """Return a message for decoding; ``j1939`` is the wiring's key for all messages with 29 bits."""
+    """Return the description of a message, from its DBC or from its keys. ``j1939`` (true, false, or None without the
+    key) states whether all messages with 29-bit identifiers are J1939.
+    """
     one = by_file or Described(name, coding)
     return one if j1939 is None else replace(one, j1939=bool(j1939 and coding.is_extended_frame))
 
@@ -291,7 +293,7 @@ def _message(
 
 
 def _raw_null(where: str, signal: Signal, null: float) -> float:
-    """Return ``null`` as the signal stores it: a 32-bit float stores only the number nearest to -999.9."""
+    """Return ``null`` as the signal stores it: a 32-bit float cannot store -999.9 exactly."""
     if signal.conversion.is_float:
         letter = {16: ">e", 32: ">f"}.get(signal.length, ">d")
         try:

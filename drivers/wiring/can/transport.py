@@ -382,7 +382,7 @@ class CanTransport(Transport):
 
     def write(self, points: Mapping[str, float]) -> None:
         """Send points in the given order, neighbours of one message in one frame. Raises ValueError if one does not
-        fit.
+        fit, or if its message has a signal without a value.
         """
         taken = self._taken(points)
         self._listener.check()

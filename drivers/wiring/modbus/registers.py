@@ -267,7 +267,7 @@ def _point(
 
 
 def _held(place: str, point: RegisterPoint, code: float) -> float:
-    """Return ``code`` as the registers store it: a float32 stores only the number nearest to -999.9."""
+    """Return ``code`` as the registers store it: a float32 cannot store -999.9 exactly."""
     low, high = replace(point, scale=1.0, offset=0.0).range()
     if point.type in ("float32", "float64"):
         if math.isfinite(code) and not low <= code <= high:

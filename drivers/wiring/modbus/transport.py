@@ -270,7 +270,7 @@ class ModbusTransport(Transport):
         return {name: found[name] for name in names}
 
     def text(self, name: str) -> str:
-        """Poll a text."""
+        """Read a text point from the device now."""
         self.require(name)
         point, most = self._points[name], self._keys.request_max
         words: list[int] = []
@@ -350,7 +350,7 @@ class ModbusTransport(Transport):
         self._in_background({name: self._cycles % (min(high, 65535.0) + 1)})
 
     def _in_background(self, values: Mapping[str, float], before: Refusal | None = None) -> Refusal | None:
-        """Write ``values`` once. Return None if the device accepts them, its rejection, or ``before`` without an
+        """Write ``values`` once. Return None if the device accepts them, its rejection, or ``before`` if it does not
         answer.
         """
         try:

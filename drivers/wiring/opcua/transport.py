@@ -260,7 +260,7 @@ class OpcUaTransport(Transport):
         return {name: self._number(name, value) for name, value in zip(names, values, strict=True)}
 
     def text(self, name: str) -> str:
-        """Poll a text."""
+        """Read a text point from the server now; "" if it has no value."""
         self.require(name)
         self._listener.check()
         (value,) = self._values([name])
@@ -320,7 +320,8 @@ class OpcUaTransport(Transport):
     def stream(self, points: Mapping[str, float], time: int) -> None:
         """Take values that are written with the next period; NaN keeps the previous value.
 
-        Raises ValueError for a value that does not fit. This is checked after the first write, which reads the type.
+        Raises ValueError for a value that does not fit. The first value of a point is not checked here, because its
+        type is not yet known.
         """
         self._listener.check()
         news = {name: value for name, value in points.items() if not math.isnan(value)}
