@@ -96,7 +96,7 @@ def build_rig(simulation: Simulation, seed: int | None = None) -> "Rig":
 
 
 def springs_of(simulation: Simulation, parameters: "Parameters") -> "SpringFmu | None":
-    """Return the springs of an FMU, tested and started, if the rig file names one.
+    """Return the springs of the FMU that the rig file names, tested and started; None if it names none.
 
     Raises FmuError for an FMU or a map that cannot be used.
     """

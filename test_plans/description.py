@@ -83,7 +83,7 @@ def is_dimension(need: str) -> bool:
 
 @once_for_a_rig
 def lag_of(rig: Mapping[str, float], *signals: str) -> float:
-    """Return the mean latency (s) of the readings of some signals."""
+    """Return the mean lag (s) of the sensors of some signals."""
     return sum(rig[lag(one)] for one in signals) / len(signals)
 
 

@@ -2,17 +2,17 @@
 
 Theory of operation
 -------------------
-A stop that is in no catalogue looks like a cubic spring, and alone it is named so. A surface then explains the residual
-of the spring. Three questions decide whether the spring is a cause or only similar to one:
+A stop that is in no catalogue looks like a cubic spring, so the search names a cubic spring. A surface then explains
+the residual of the spring. Three questions decide whether the spring is a cause or only similar to one:
 
 * Can the surface imitate the effect? It can if the data contain hardly any information on the amplitude once the
   surface is in the model (`_imitable`). The surface may then be larger than its prior.
 * Does the effect explain anything in addition to the surface? The model with the surface is fitted with and without the
   effects. A true cause keeps a large part of its gain, because it has a memory that no surface has, or also holds
   outside of the measured range.
-* Does the surface explain the same as the effect? Many effects are surfaces themselves: dry friction is one over the
-  speed. A surface with many coefficients follows it on the fit runs. This is imitation and no reason for doubt. So the
-  surface must predict the select runs *as it was fitted*, without the named effects, and better than a model with
+* Does the surface explain the same as the effect? Many effects are surfaces themselves: dry friction is a function of
+  the speed. A surface with many coefficients follows it on the fit runs. This is imitation and no reason for doubt. So
+  the surface must predict the select runs *as it was fitted*, without the named effects, and better than a model with
   neither.
 
 Effects are doubtful and leave the model only if all three hold: a surface can imitate them, they gain hardly anything

@@ -10,9 +10,9 @@ Such a pair predicts well and is wrong about the cause; without this rule it was
 
 The rule has two parts:
 
-* Against the pair: two causes must beat one richer member instead of the first by BIC *and* by log predictive density,
-  each by the gap that a verdict requires. Otherwise the richer member enters instead, if its parameters improve the BIC
-  (`richer_members` lists the candidates, `admission.py` decides).
+* Against the pair: the model with two causes must beat the model with one richer member in place of the first cause, by
+  BIC *and* by log predictive density, each by the gap that a verdict requires. Otherwise the richer member enters, if
+  its parameters improve the BIC (`richer_members` lists the candidates, `admission.py` decides).
 * Against the richer member: no equation is exact, so a large effect always leaves a residual, which a richer member can
   explain. It pays a surcharge for this residual, a part ``Config.rough`` of λ (`richer_surcharge`).
 """

@@ -5,7 +5,7 @@ Theory of operation
 The autocovariances of the unexplained part (`noise_estimate.py`) at lags 0…p are computed from pairs of samples that
 were both measured in the same run. The equations of Yule and Walker give an autoregression of order p ≤ 10, selected by
 BIC. It whitens residuals and footprints (`whitening.py`). Without whitening, noise with AR(1) coefficients of 0.3, 0.6
-and 0.9 increases the false alarms of a test at 1 % to 9, 35 and 61 %.
+and 0.9 gives a test 9, 35 and 61 % of false alarms instead of 1 %.
 """
 
 from __future__ import annotations

@@ -89,7 +89,8 @@ def split(dataset: Dataset, seed: int) -> Dataset:
     """Return the dataset with random roles for whole runs: about a fifth to select, a fifth to report, the others to
     fit.
 
-    With one or two runs all are for the fit, because a second run is usually made to decide between causes.
+    With one or two runs all are for the fit, because a second run is usually made to decide between causes. Raises
+    ``DiagnosisError`` if there are no runs.
     """
     count = len(dataset.runs)
     if count == 0:

@@ -139,7 +139,7 @@ def resemblance(test: Omnibus, screening: Screening, most: int = 3) -> list[Near
 
 
 def _regions(surface: Surface, coefficients: Array, deviations: Array) -> list[Region]:
-    """Return for each coordinate the range in which the surface differs from 0. Coefficients and deviations are in
+    """Return for each coordinate the ranges in which the surface differs from 0. Coefficients and deviations are in
     units of the prior spread.
     """
     if not surface.centres:

@@ -310,7 +310,11 @@ class _Reader:
         )
 
     def _unit(self, path: Path, name: str, series: Series, column: Column) -> str:
-        """Return the unit of a column, from the map or from the column header. If both state one, they must agree."""
+        """Return the unit of a column: that of the map, otherwise that of the column header.
+
+        If both state different units, the column is added to ``contradicted``, unless the map ignores the header.
+        Raises DiagnosisError if neither states a known unit.
+        """
         key, stated = f"{self.where}: columns.{name}.unit", series.unit.strip().removeprefix("-")
         if stated in ("", column.unit):
             if column.unit is None:

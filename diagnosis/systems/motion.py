@@ -13,8 +13,8 @@ Analysis, 1977), both with a smaller q: the same noise is removed, and waves kee
 12.5 Hz of 0.5 mm lost 0.08 %, and forces that depend on them seemed to lag by half a millisecond.
 
 A wave that is hardly larger than the noise is still lost. For example, a lateral motion of 2 mm at 12.5 Hz moves the
-heights by 28 µm, because the bolster rolls. `in_step` finds the part of a signal that is in phase with a clearly
-visible motion.
+heights by 28 µm, because the bolster rolls. `in_step` finds the part of a signal that follows such a motion, if the
+motion itself is clearly visible in another signal.
 """
 
 from collections.abc import Mapping

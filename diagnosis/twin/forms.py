@@ -1,9 +1,10 @@
 """Time course of a cause: a step, growth, or a limited time; composed of simulated steps.
 
 The effect of a cause is nearly linear in its size. So a growing cause is a sum of small ones with successive starts,
-and a cause that ends is one minus a later one. Steps are simulated from a grid of start times. Between two grid times
-the effect is the mean of both, and within the present interval it counts from its start. So a cause with an immediate
-effect (a sensor) is exact, and one that accumulates (a leak) nearly exact.
+and a cause that ends is one minus a later one. Steps are simulated from a grid of start times. Half of the growth
+between two grid times is a step at the first of them, half a step at the second. In an interval that has not ended, all
+of the growth so far is a step at its start. So a cause with an immediate effect (a sensor) is exact, and one that
+accumulates (a leak) nearly exact.
 
 A cause may grow to a size with a nonlinear effect (a chamber that loses four fifths of its volume). Its growth is
 replayed repeatedly. The difference between such a replay and the sum of the steps is added to that sum before the next

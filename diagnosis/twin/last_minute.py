@@ -18,7 +18,9 @@ _DIGITS: Final = 6
 def joined(
     before: LastMinute | None, start: float, channels: Sequence[Channel], innovations: Innovations
 ) -> LastMinute | None:
-    """Return the last minute of a run: ``before``, extended by a stretch whose blocks begin at ``start`` s."""
+    """Return the last minute of a run: ``before``, extended by a stretch whose blocks begin at ``start`` s. None if
+    neither has a reading.
+    """
     known = np.flatnonzero(np.isfinite(innovations.measured).any(axis=1))
     if not len(known):
         return before

@@ -323,10 +323,10 @@ def _check_zeros(run: Run) -> None:
 def _zero(
     sum_of: Mapping[str, float], cell: tuple[str, float] | None, rig: Rig, read: Mapping[str, float]
 ) -> float:
-    """Return a weighted sum of readings.
+    """Return the sum of readings with the weights ``sum_of``.
 
-    A ``cell`` that carries the bolster is given with its expected load. Its sum is corrected by the difference to the
-    rest load.
+    ``cell`` is a load cell under the bolster, with its expected load (N). The rest load minus this load is subtracted
+    from the sum.
     """
     more = rest_load(rig, cell[0]) - cell[1] if cell else 0.0
     return sum(share * read[name] for name, share in sum_of.items()) - more

@@ -26,8 +26,8 @@ from diagnosis.finding import Figure, Series
 def loss(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     """Test the loss per cycle W = ∮ y du, measured minus predicted, with Student's t over the cycles of a stretch.
 
-    Its growth shows the mechanism: A² f viscous, A² with a maximum in f Maxwell, heat or orifice, A without f Coulomb
-    or Berg.
+    Its growth with amplitude A and frequency f shows the mechanism. Viscous: as A² f. Maxwell, heat or orifice: as A²,
+    with a maximum over f. Coulomb or Berg friction: as A, independent of f.
     """
     if residuals.channels[c].kind not in {"force", "pressure"}:
         return NotApplicable("the channel is neither a force nor a pressure")

@@ -363,7 +363,9 @@ class _Maker:
         return one
 
     def _default_value(self, one: Variable) -> float | None:
-        """Return the value (SI) of a variable if the map gives none: from the parameter set, else from the FMU."""
+        """Return the value (SI) of a variable if the map gives none: from the parameter set, else from the FMU; None
+        if neither has one.
+        """
         own = None if one.start is None else one.unit.to_si(one.start)
         return self.preset.get(one.name, own)
 
