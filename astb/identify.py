@@ -141,7 +141,7 @@ def identify_data(request: IdentificationRequest, out: Path | None, console: "Co
             answer = expected(found, experiments({ahead.name: ahead}, rig=rig_of(unknown.parameters)))
         elif untold := [one for one in _requested_parameters(found) if not one.determined]:
             progress("looking for a run that identifies more parameters", 0.9)
-            further = list(_further(found, untold, unknown.parameters))
+            further = list(_uncertain_parameters(found, untold, unknown.parameters))
     if out is not None:
         write_springs(out, found, dataset, unknown.parameters, request.model)
     return Answer(
@@ -239,7 +239,9 @@ def _requested_parameters(found: Identification) -> list[Identified]:
     return [one for one in found.parameters if quantity(one.parameter.name) in ASKED]
 
 
-def _further(found: Identification, untold: Sequence[Identified], parameters: "Parameters") -> Iterator[str]:
+def _uncertain_parameters(
+    found: Identification, untold: Sequence[Identified], parameters: "Parameters"
+) -> Iterator[str]:
     """Yield a sentence on each parameter in ``untold``, with the expected interval after a run of the identification
     plan.
     """

@@ -41,17 +41,17 @@ class RunReader:
 
     def read_result(self, run: str) -> dict[str, Any]:
         """Return the result of a run: checks with values (SI), uncertainty, limits and verdicts. run: a directory."""
-        return dict(_plain(open_run(self._place(run)).result))
+        return dict(_plain(open_run(self._run_folder(run)).result))
 
     def list_signals(self, run: str) -> dict[str, str]:
         """Return the recorded signals of a run with the units of read_table."""
-        return {name: signal.unit for name, signal in read(self._place(run)).signals.items()}
+        return {name: signal.unit for name, signal in read(self._run_folder(run)).signals.items()}
 
     def read_table(
         self, run: str, signals: list[str], rate: float, start: float = 0.0, end: float | None = None
     ) -> dict[str, list[float | None]]:
         """Return signals at one rate (Hz), with time_s since the start of the record; null without a sample."""
-        record = read(self._place(run))
+        record = read(self._run_folder(run))
         table = record.frame(signals, rate).loc[start:end]
         if len(table) > ROWS:
             raise RecordError(
@@ -84,7 +84,7 @@ class RunReader:
             found, _ = rehearse(plans()[plan].given(parameters or {}), file, path, Path(out))
             return dict(_plain(found))
 
-    def _place(self, run: str) -> Path:
+    def _run_folder(self, run: str) -> Path:
         """Return the folder of a run. Raises RecordError for any other name, so that nothing else can be read."""
         if not self._index.runs(directory=run):
             raise RecordError(f"no run {run!r} in {self._folder}; list_runs returns the directories")

@@ -103,7 +103,7 @@ def run_plans(
     with (
         ProgressDisplay(shared_console()) as display,
         held_by_keyboard() as suspension,
-        nullcontext() if is_virtual else _turn(plans, rig, path, keeping, display.say),
+        nullcontext() if is_virtual else _queue_turn(plans, rig, path, keeping, display.say),
         nullcontext()
         if is_virtual
         else opened_door(path, Door(lambda: display.live, suspension, box_of(operator))),
@@ -127,7 +127,7 @@ def run_plans(
 
 
 @contextmanager
-def _turn(
+def _queue_turn(
     plans: Sequence["Plan"], rig: RigFile, path: Path, keeping: Keeping, say: Callable[[str], None]
 ) -> Iterator[None]:
     """Enter the queue of the rig, and wait for the turn if ``keeping`` requests it.

@@ -198,13 +198,13 @@ def read_dimensions(name: str | Path, home: Path = Path()) -> Dimensions:
     """
     path, sha256, content = read_named(PACKAGE, name, home, DimensionsError)
     wrong: list[str] = []
-    known = _known(content, wrong)
+    known = _read_dimensions(content, wrong)
     if wrong:
         raise DimensionsError(f"dimensions {path}: {'; '.join(wrong)}")
     return Dimensions(label(path), sha256, known)
 
 
-def _known(content: Mapping[str, Any], wrong: list[str]) -> dict[str, Dimension]:
+def _read_dimensions(content: Mapping[str, Any], wrong: list[str]) -> dict[str, Dimension]:
     """Return the dimensions of a file by name; ``wrong`` gets all errors, not only the first one."""
     tables = {
         "dimension": {name: (name, span) for name, span in SPANS.items()},

@@ -74,7 +74,7 @@ def compare(table: Table, places: Places) -> Differences:
             refused.append(f"{name} is {_shown(there) or 'missing'}, not {_shown(here)}")
             continue
         if not there:
-            missing[name] = f"ours is {_first(here)}"
+            missing[name] = f"ours is {_first_place(here)}"
         elif text := _move(here, there):
             moved[name] = text
         elif text := _recoding(here, there):
@@ -154,7 +154,7 @@ def _is_choice(place: str) -> bool:
     return place.startswith("choice ")
 
 
-def _first(places: Places) -> str:
+def _first_place(places: Places) -> str:
     return next(iter(places))
 
 

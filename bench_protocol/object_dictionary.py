@@ -138,7 +138,7 @@ class DictionaryObject:
 def object_dictionary(table: Table) -> tuple[DictionaryObject, ...]:
     """Return all objects by index. Raises ValueError for two with one index, or for a message without a PDO."""
     pdos = [message for message in table.messages if canopen.is_pdo(message)]
-    objects = [*_of_the_node(table), *_own()]
+    objects = [*_of_the_node(table), *_counters()]
     for message in pdos:
         objects += [_parameters(message), _mapping(message), _pdo(table, message)]
     for signal in table.of_kind(*_BASES):
@@ -237,7 +237,7 @@ def _of_the_node(table: Table) -> Iterator[DictionaryObject]:
     yield _var(NMT_STARTUP, "NMT startup", long, 0, text="The node enters OPERATIONAL by itself")
 
 
-def _own() -> Iterator[DictionaryObject]:
+def _counters() -> Iterator[DictionaryObject]:
     """Yield the objects of the node that are not signals."""
     names = (
         "NMT commands while somebody holds the bench",

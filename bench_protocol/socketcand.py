@@ -111,7 +111,7 @@ class Parser:
             if len(usual) == lines == complete.count(b"<"):
                 self._usual(usual, events)
             else:
-                self._each(complete, events)
+                self._parse_lines(complete, events)
         if len(self._rest) > 1 or self._overflowed:
             self._trim(events)
         return events
@@ -153,7 +153,7 @@ class Parser:
                     events.append(self._malformed(_count_error(length, len(payload))))
         _flush(kind, records, events)
 
-    def _each(self, complete: bytes, events: list[Event]) -> None:
+    def _parse_lines(self, complete: bytes, events: list[Event]) -> None:
         """Append the events of ``complete`` line by line, with the tolerant parser."""
         records: list[bytes] = []
         kind: type[Received] | type[Sent] = Received
@@ -200,7 +200,7 @@ class Parser:
     def _unterminated(self, text: bytes) -> Malformed:
         if len(text) + 1 >= LINE_MAX:
             return self._malformed(_length_error())
-        return self._malformed(f"line '<{_shown(text)}' was not closed by '>' before the next '<'")
+        return self._malformed(f"line '<{_printable(text)}' was not closed by '>' before the next '<'")
 
     def _malformed(self, reason: str) -> Malformed:
         return Malformed(f"{self._sender} sent a bad line: {reason}")
@@ -277,17 +277,19 @@ def _line(text: bytes) -> Command | tuple[type[Received] | type[Sent], bytes]:
     if word == b"send":
         return Sent, _sent_record(arguments, text)
     if not word or not text.isascii():
-        raise _LineError(f"'<{_shown(text)}>' is not a message")
+        raise _LineError(f"'<{_printable(text)}>' is not a message")
     return Command(word.decode(), tuple(argument.decode() for argument in arguments))
 
 
 def _received_record(arguments: list[bytes], text: bytes) -> bytes:
     if len(arguments) < 2:
-        raise _LineError(f"'<{_shown(text)}>' is incomplete; it needs an identifier, a time stamp and data")
+        raise _LineError(
+            f"'<{_printable(text)}>' is incomplete; it needs an identifier, a time stamp and data"
+        )
     identifier, extended = _identifier(arguments[0])
     stamp = re.fullmatch(rb"(\d{1,10})(?:\.(\d*))?", arguments[1])
     if not stamp:
-        raise _LineError(f"time stamp '{_shown(arguments[1])}' is not seconds.microseconds")
+        raise _LineError(f"time stamp '{_printable(arguments[1])}' is not seconds.microseconds")
     if int(stamp[1]) > _SECONDS_MAX:
         raise _LineError(_time_error(stamp[1]))
     time = int(stamp[1]) * _NS_PER_S + int((stamp[2] or b"")[:9].ljust(9, b"0"))
@@ -295,7 +297,7 @@ def _received_record(arguments: list[bytes], text: bytes) -> bytes:
     try:
         payload = b"".join(bytes.fromhex(word.decode("ascii")) for word in arguments[2:])
     except ValueError:
-        shown = _shown(b" ".join(arguments[2:]))
+        shown = _printable(b" ".join(arguments[2:]))
         raise _LineError(f"data '{shown}' is not pairs of hexadecimal digits") from None
     if len(payload) > LENGTH_MAX:
         raise _LineError(f"{len(payload)} data bytes do not fit; a classic CAN frame carries 0 to 8")
@@ -304,10 +306,10 @@ def _received_record(arguments: list[bytes], text: bytes) -> bytes:
 
 def _sent_record(arguments: list[bytes], text: bytes) -> bytes:
     if len(arguments) < 2:
-        raise _LineError(f"'<{_shown(text)}>' is incomplete; it needs an identifier, a length and data")
+        raise _LineError(f"'<{_printable(text)}>' is incomplete; it needs an identifier, a length and data")
     identifier, extended = _identifier(arguments[0])
     if not re.fullmatch(rb"\d{1,4}", arguments[1]):
-        raise _LineError(f"length '{_shown(arguments[1])}' is not a decimal number from 0 to 8")
+        raise _LineError(f"length '{_printable(arguments[1])}' is not a decimal number from 0 to 8")
     count = int(arguments[1])
     if count > LENGTH_MAX:
         raise _LineError(f"length {count} does not fit; a classic CAN frame carries 0 to 8 bytes")
@@ -327,11 +329,11 @@ def _identifier(digits: bytes) -> tuple[int, bool]:
 def _byte(word: bytes) -> int:
     if re.fullmatch(rb"0*[0-9A-Fa-f]{1,2}", word) or _SIGN_EXTENDED.fullmatch(word):
         return int(word, 16) & 0xFF
-    raise _LineError(f"data byte '{_shown(word)}' is not a hexadecimal number from 0 to ff")
+    raise _LineError(f"data byte '{_printable(word)}' is not a hexadecimal number from 0 to ff")
 
 
 def _identifier_error(digits: bytes) -> str:
-    return f"identifier '{_shown(digits)}' is not a hexadecimal number from 0 to {EXTENDED_ID_MAX:x}"
+    return f"identifier '{_printable(digits)}' is not a hexadecimal number from 0 to {EXTENDED_ID_MAX:x}"
 
 
 def _time_error(seconds: bytes) -> str:
@@ -346,7 +348,7 @@ def _length_error() -> str:
     return f"line longer than {LINE_MAX} bytes"
 
 
-def _shown(text: bytes) -> str:
+def _printable(text: bytes) -> str:
     """Return at most 40 characters of the received text, safe to print."""
     shown = text[:40].decode("ascii", "backslashreplace")
     return "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in shown) + (

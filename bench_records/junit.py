@@ -24,7 +24,7 @@ def junit(result: Result) -> bytes:
     run has the time after the last. Only a run in real time has a time stamp. The names of suite and cases include the
     parameters and the serial number of the specimen, so that several runs of a plan have different names.
     """
-    given = _given(result)
+    given = _parameter_text(result)
     failures = result.count(CheckVerdict.FAIL)
     errors = result.count(CheckVerdict.ERROR) + (result.verdict is Outcome.BLOCKED)
     lacking = result.count(CheckVerdict.NOT_AVAILABLE)
@@ -79,7 +79,7 @@ def junit(result: Result) -> bytes:
     return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
 
 
-def _given(result: Result) -> str:
+def _parameter_text(result: Result) -> str:
     texts = [f"{name}={text}" for name, text in sorted(result.parameters.items())]
     if result.specimen is not None and result.specimen.serial_number:
         texts.append(result.specimen.serial_number)

@@ -155,13 +155,13 @@ class Check(msgspec.Struct, frozen=True, kw_only=True):
     def __str__(self) -> str:
         if self.verdict is CheckVerdict.NOT_AVAILABLE:
             return f"{self.name}: {self.verdict}: {self.note}"
-        low, high = (_shown(limit, self.scale, self.unit) for limit in (self.low, self.high))
+        low, high = (_in_display_unit(limit, self.scale, self.unit) for limit in (self.low, self.high))
         if self.low is None or self.high is None:
             limits = f"at least {low}" if self.high is None else f"at most {high}"
         else:
-            limits = f"{_shown(self.low, self.scale)} to {high}"
+            limits = f"{_in_display_unit(self.low, self.scale)} to {high}"
         if self.u is None or math.isnan(self.number):
-            text = f"{self.name} = {_shown(self.number, self.scale, self.unit)} ({limits}): {self.verdict}"
+            text = f"{self.name} = {_in_display_unit(self.number, self.scale, self.unit)} ({limits}): {self.verdict}"
             return f"{text}; no uncertainty: {self.without}" if self.without else text
         value, expanded = self.written
         text = f"{self.name} = {f'{value} ± {expanded} {self.unit}'.rstrip()} (k = {self.k:.3g}; {limits})"
@@ -271,8 +271,8 @@ def _refuse_bad_limits(one: Check) -> None:
             raise ValueError(f"check {one.name!r}: a limit is {limit}; give a finite limit, or omit it")
     if one.low is not None and one.high is not None and one.low > one.high:
         raise ValueError(
-            f"check {one.name!r}: low = {_shown(one.low, one.scale, one.unit)} is above "
-            f"high = {_shown(one.high, one.scale, one.unit)}; low must not be above high"
+            f"check {one.name!r}: low = {_in_display_unit(one.low, one.scale, one.unit)} is above "
+            f"high = {_in_display_unit(one.high, one.scale, one.unit)}; low must not be above high"
         )
     if not (0.0 <= one.margin <= 0.5):
         raise ValueError(
@@ -280,7 +280,7 @@ def _refuse_bad_limits(one: Check) -> None:
         )
 
 
-def _shown(value: float | None, scale: float, unit: str = "") -> str:
+def _in_display_unit(value: float | None, scale: float, unit: str = "") -> str:
     return "no value" if value is None or math.isnan(value) else f"{value / scale:.6g} {unit}".rstrip()
 
 

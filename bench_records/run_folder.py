@@ -136,7 +136,7 @@ def circumstances(meta: Mapping[str, Any]) -> list[str]:
     if meta.get("time") == "virtual":
         words.append("VIRTUAL TIME")
     words += [f"effect {name} = {value}" for name, value in meta.get("effects", {}).items()]
-    words += [f"changed {name} = {_shown(value)}" for name, value in meta.get("change", {}).items()]
+    words += [f"changed {name} = {_as_text(value)}" for name, value in meta.get("change", {}).items()]
     if meta.get("sealed_effects"):
         words.append("sealed effects (not shown)")
     return words
@@ -152,7 +152,7 @@ def flattened(facts: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, 
             yield name, value
 
 
-def _shown(value: Any) -> str:
+def _as_text(value: Any) -> str:
     if isinstance(value, dict):
-        return ", ".join(f"{key} {_shown(one)}" for key, one in value.items())
-    return ", ".join(map(_shown, value)) if isinstance(value, list) else str(value)
+        return ", ".join(f"{key} {_as_text(one)}" for key, one in value.items())
+    return ", ".join(map(_as_text, value)) if isinstance(value, list) else str(value)

@@ -149,13 +149,13 @@ def _facts(result: Result) -> list[tuple[str, Any]]:
     return [(name, value) for name, value in facts.items() if value not in (None, "")]
 
 
-def _shown(value: float | None, scale: float) -> float | None:
+def _in_display_unit(value: float | None, scale: float) -> float | None:
     return None if value is None else value / scale
 
 
 def _check_row(one: Check) -> tuple[Any, ...]:
-    sizes = (_shown(n, one.scale) for n in (one.number, one.expanded))
-    limits = (_shown(n, one.scale) for n in (one.low, one.high))
+    sizes = (_in_display_unit(n, one.scale) for n in (one.number, one.expanded))
+    limits = (_in_display_unit(n, one.scale) for n in (one.low, one.high))
     note = one.note or one.without
     return (
         one.phase,
@@ -180,7 +180,7 @@ def _curve_rows(one: Curve) -> Iterator[tuple[Any, ...]]:
             one.x.unit,
             None if y is None else one.y.shown(y),
             one.y.unit,
-            _shown(expanded, one.y.scale),
+            _in_display_unit(expanded, one.y.scale),
             *(None if n is None else one.y.shown(n) for n in (low, high)),
         )
 
@@ -193,14 +193,14 @@ def _trend_row(one: Trend) -> tuple[Any, ...]:
         *((one.drift.per_day, one.drift.half_width) if one.drift else (None, None)),
     )
     seen = "" if one.drift is None else "yes" if one.drift.is_seen else "no"
-    return (one.name, last.unit, len(one.checks), *(_shown(n, last.scale) for n in sizes), seen)
+    return (one.name, last.unit, len(one.checks), *(_in_display_unit(n, last.scale) for n in sizes), seen)
 
 
 def _value_rows(trend: Trend) -> Iterator[tuple[Any, ...]]:
     for one in trend.checks:
         began = datetime.fromisoformat(one.run.began).replace(tzinfo=None)
         value, expanded, low, high = (
-            _shown(n, one.scale) for n in (one.value, one.expanded, one.low, one.high)
+            _in_display_unit(n, one.scale) for n in (one.value, one.expanded, one.low, one.high)
         )
         where = (one.run.directory, one.run.plan, one.phase, one.run.rig)
         yield trend.name, began, *where, value, expanded, one.unit, low, high, one.verdict

@@ -94,7 +94,7 @@ class SharedClient:
         """
         doubtful = self._settle()
         self._came = b""
-        self._look()
+        self._detect_closed()
         fresh = not self._answers
         self._connect()
         try:
@@ -228,7 +228,7 @@ class SharedClient:
             at += HEADER.size - 1 + length
             self.discarded += at <= len(data) and self._request[:2] != number.to_bytes(2, "big")
 
-    def _look(self) -> None:
+    def _detect_closed(self) -> None:
         """Close the connection if the device has closed it, or has sent more bytes, since its last answer. If answers
         have no number, only discard the bytes.
         """

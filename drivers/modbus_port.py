@@ -96,7 +96,7 @@ class ModbusPort:
         """Return ``count`` registers of a file from ``record`` on (FC 20)."""
         what = self._range(f"reading file {file}, record", record, count, FILE_READ_MAX)
         records = [FileRecord(file_number=file, record_number=record, record_length=2 * count)]
-        reply = self._ask(what, lambda: self._client.read_file_record(records, device_id=self._unit))
+        reply = self._request(what, lambda: self._client.read_file_record(records, device_id=self._unit))
         data = b"".join(one.record_data for one in getattr(reply, "records", ()))
         if len(data) != 2 * count:
             raise LinkLost(
@@ -107,32 +107,32 @@ class ModbusPort:
     def write_coil(self, address: int, value: bool) -> None:
         """Set one coil (FC 5)."""
         what = self._range("writing the coil", address, 1, 1)
-        self._ask(what, lambda: self._client.write_coil(address, bool(value), device_id=self._unit))
+        self._request(what, lambda: self._client.write_coil(address, bool(value), device_id=self._unit))
 
     def write_coils(self, address: int, values: Sequence[bool]) -> None:
         """Set coils from ``address`` on (FC 15)."""
         what = self._range("writing coils", address, len(values), BITS_WRITE_MAX)
         bits = [bool(value) for value in values]
-        self._ask(what, lambda: self._client.write_coils(address, bits, device_id=self._unit))
+        self._request(what, lambda: self._client.write_coils(address, bits, device_id=self._unit))
 
     def write_register(self, address: int, value: int) -> None:
         """Write one holding register (FC 6)."""
         what = self._range("writing the holding register", address, 1, 1)
         (number,) = in_registers(what, [value])
-        self._ask(what, lambda: self._client.write_register(address, number, device_id=self._unit))
+        self._request(what, lambda: self._client.write_register(address, number, device_id=self._unit))
 
     def write_registers(self, address: int, values: Sequence[int]) -> None:
         """Write holding registers from ``address`` on, all or none (FC 16)."""
         what = self._range("writing holding registers", address, len(values), REGISTERS_WRITE_MAX)
         numbers = in_registers(what, values)
-        self._ask(what, lambda: self._client.write_registers(address, numbers, device_id=self._unit))
+        self._request(what, lambda: self._client.write_registers(address, numbers, device_id=self._unit))
 
     def exchange_registers(self, address: int, values: Sequence[int]) -> None:
         """Write holding registers from ``address`` on, all or none, and read the first of them (FC 23)."""
         what = self._range("writing holding registers", address, len(values), REGISTERS_READ_WRITE_MAX)
         numbers = in_registers(what, values)
         keys = {"read_address": address, "read_count": 1, "write_address": address, "device_id": self._unit}
-        self._ask(what, lambda: self._client.readwrite_registers(values=numbers, **keys))
+        self._request(what, lambda: self._client.readwrite_registers(values=numbers, **keys))
 
     def identification(self) -> dict[int, bytes]:
         """Return all identification objects by number (FC 43/14): 0 vendor, 1 product, 2 revision, …"""
@@ -153,7 +153,7 @@ class ModbusPort:
     def _identification_from(self, start: int, what: str) -> tuple[dict[int, bytes], int | None]:
         """Return the objects of one answer and the number of the next object, None at the end."""
         ask = self._client.read_device_information
-        reply = self._ask(
+        reply = self._request(
             what, lambda: ask(read_code=_EXTENDED_ACCESS, object_id=start, device_id=self._unit)
         )
         if not isinstance(reply, ReadDeviceInformationResponse):
@@ -167,7 +167,7 @@ class ModbusPort:
     def _range(self, verb: str, address: int, count: int, count_max: int) -> str:
         return request_in_words(verb, address, count, count_max, self._where)
 
-    def _ask(
+    def _request(
         self,
         what: str,
         request: Callable[[], ModbusPDU],
@@ -219,14 +219,14 @@ class ModbusPort:
             fits = sent == -(-count // 8) * 8 if self.line.unnumbered else sent >= count
             return "" if fits else f"the device sent {sent} bits instead of {count}"
 
-        return list(self._ask(what, request, mismatch).bits[:count])
+        return list(self._request(what, request, mismatch).bits[:count])
 
     def _counted(self, what: str, count: int, request: Callable[[], ModbusPDU]) -> list[int]:
         def mismatch(reply: ModbusPDU) -> str:
             sent = len(getattr(reply, "registers", []))
             return "" if sent == count else f"the device sent {sent} registers instead of {count}"
 
-        return list(self._ask(what, request, mismatch).registers)
+        return list(self._request(what, request, mismatch).registers)
 
 
 _shared: dict[object, SharedClient] = {}

@@ -66,15 +66,15 @@ def by_name(modules: Iterable[ModuleType]) -> Found:
     wrong = []
     for module in modules:
         for plan in declared(module):
-            other, where = found.setdefault(plan.name, (plan, _shown(module)))
+            other, where = found.setdefault(plan.name, (plan, _short_name(module)))
             if other is not plan:
                 wrong.append(
-                    f"{_shown(module)}: there is a plan {plan.name} already, in {where}; rename one of them"
+                    f"{_short_name(module)}: there is a plan {plan.name} already, in {where}; rename one of them"
                 )
     return Found({name: found[name][0] for name in sorted(found)}, wrong)
 
 
-def _shown(module: ModuleType) -> str:
+def _short_name(module: ModuleType) -> str:
     return module.__name__.removeprefix(_OWN)
 
 

@@ -336,7 +336,7 @@ def _attempt(
         return "", False
     except BenchError as error:
         hidden = _hidden(error) if name == "tear-down" else ""
-        place = f" ({_place(error, plan)})" if error.fault == "plan" else ""
+        place = f" ({_error_line(error, plan)})" if error.fault == "plan" else ""
         trouble = f"{hidden}{WHOSE[error.fault]}: {error}{place}"
     except NotMeasured as error:
         trouble = f"the measurement: {error}{_silent(run.bench)}"
@@ -353,7 +353,7 @@ def _attempt(
     except KeyboardInterrupt:
         trouble, interrupted = f"stopped by {run.suspension.stopped_by or _OPERATOR}", True
     except (Exception, SystemExit) as error:  # an exit of the program must not skip the tear-down
-        trouble = f"the plan: {type(error).__name__} at {_place(error, plan)}: {error}"
+        trouble = f"the plan: {type(error).__name__} at {_error_line(error, plan)}: {error}"
     try:
         run.keep("error", f"{name}: {trouble}")
         run.watcher.say(f"{name}: {trouble}")
@@ -389,7 +389,7 @@ def _silent(bench: Bench) -> str:
     )
 
 
-def _place(error: BaseException, plan: Plan) -> str:
+def _error_line(error: BaseException, plan: Plan) -> str:
     """Return file and line of an error: the innermost line in the file of ``plan``, otherwise in this package."""
     frames = traceback.extract_tb(error.__traceback__)
     own = getattr(sys.modules.get(plan.main.__module__), "__file__", None)

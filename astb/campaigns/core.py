@@ -70,13 +70,13 @@ def carried_out(
             yield from found
             if not running:
                 return
-            found = [_result(running.pop(future.key), limit) for future in _next(client, ended)]
+            found = [_result(running.pop(future.key), limit) for future in _wait_for_ended(client, ended)]
     finally:
         if running:
             client.cancel([one.future for one in running.values()], force=True)
 
 
-def _next(client: "Client", ended: "SimpleQueue[Future]") -> "list[Future]":
+def _wait_for_ended(client: "Client", ended: "SimpleQueue[Future]") -> "list[Future]":
     """Wait until a future has ended.
 
     Return it, and all others that have ended by then. Raises ClusterError if there are no workers for a minute.

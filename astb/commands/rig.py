@@ -133,7 +133,10 @@ def run_command(
     stop = threading.Event()
     _listen(bench, stop, until_eof)
     try:
-        with ended_by(partial(_end, stop)), _captured(capture, live=capture_port is not None) as listener:
+        with (
+            ended_by(partial(_stop_rig, stop)),
+            _captured(capture, live=capture_port is not None) as listener,
+        ):
             run_rig(
                 bench,
                 can=can or rig.can.bus,
@@ -213,7 +216,7 @@ def _listen(bench: "Rig", stop: threading.Event, until_eof: bool) -> None:
     signal.signal(signal.SIGUSR2, lambda *_: bench.release_estop())
 
 
-def _end(stop: threading.Event, by: str) -> None:
+def _stop_rig(stop: threading.Event, by: str) -> None:
     """Stop the rig, and print the cause if the user may not know it."""
     if not stop.is_set() and by in UNAWARES:
         click.echo(f"astb: the rig was ended by {by}", err=True)

@@ -158,10 +158,10 @@ class Gate:
             one.setblocking(False)
             self._waiting[one] = self._loop.call_later(REQUEST_WITHIN, self._drop, one)
             self._rooms.strangers.enter(one, address[0], partial(self._drop, one))
-            self._loop.add_reader(one.fileno(), self._look, one)
-            self._look(one)
+            self._loop.add_reader(one.fileno(), self._check_request, one)
+            self._check_request(one)
 
-    def _look(self, one: socket.socket) -> None:
+    def _check_request(self, one: socket.socket) -> None:
         if one not in self._waiting:
             return
         try:
@@ -178,12 +178,12 @@ class Gate:
         else:
             self._turns.append(one)
             if len(self._turns) == 1:
-                self._loop.call_soon(self._turn)
+                self._loop.call_soon(self._serve_next)
 
-    def _turn(self) -> None:
+    def _serve_next(self) -> None:
         self._serve(self._turns.popleft())
         if self._turns:
-            self._loop.call_soon(self._turn)
+            self._loop.call_soon(self._serve_next)
 
     def _serve(self, one: socket.socket) -> None:
         if self._forget(one):

@@ -34,7 +34,7 @@ def routes(parts: Parts) -> Sequence[Route]:
 
     return [
         Route("/api/faults", listed),
-        command(parts, "/api/faults/on", lambda request, body: _on(rig, body)),
+        command(parts, "/api/faults/on", lambda request, body: _switch_on(rig, body)),
         command(
             parts,
             "/api/faults/off",
@@ -43,7 +43,7 @@ def routes(parts: Parts) -> Sequence[Route]:
     ]
 
 
-def _on(rig: RigFile, body: dict[str, Any]) -> dict[str, Any]:
+def _switch_on(rig: RigFile, body: dict[str, Any]) -> dict[str, Any]:
     order = {"do": "on", "name": body.get("name", ""), "values": body.get("values", {})}
     return _order(rig, order | ({"for": body["for"]} if body.get("for") else {}))
 

@@ -76,13 +76,13 @@ class MqttPublisher:
     async def _start(self) -> asyncio.Task[None]:
         async with self._client():
             pass
-        return asyncio.create_task(self._keep())
+        return asyncio.create_task(self._publish_until_end())
 
     async def _leave(self) -> None:
         self._end.set()
         await self._task
 
-    async def _keep(self) -> None:
+    async def _publish_until_end(self) -> None:
         """Publish until the end, and connect again after each loss."""
         delay, lost = SOONEST, False
         while not self._end.is_set():

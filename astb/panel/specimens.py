@@ -130,7 +130,7 @@ def _rows(table: Mapping[str, Any], where: str = "") -> Iterator[dict[str, str]]
         if isinstance(entry, dict) and "unit" in entry:
             yield {
                 "name": name.replace("_", " "),
-                "says": _says(entry),
+                "says": _value_text(entry),
                 "provenance": str(entry["provenance"]),
                 "source": str(entry["source"]),
             }
@@ -138,7 +138,7 @@ def _rows(table: Mapping[str, Any], where: str = "") -> Iterator[dict[str, str]]
             yield from _rows(entry, f"{name} › ")
 
 
-def _says(entry: Mapping[str, Any]) -> str:
+def _value_text(entry: Mapping[str, Any]) -> str:
     return _in_figures(entry).replace("-", MINUS)
 
 

@@ -51,7 +51,7 @@ def twin_runs(out: Path, request: Request) -> dict[str, Any]:
         "run": run,
         "story": to_builtins(story)
         | {
-            "partings": [_shown(one) for one in story.all_deviations],
+            "partings": [_deviation_row(one) for one in story.all_deviations],
             "parts": PARTS,
             "judged_for": story.judged_for,
             "lately": _read(story.last_minute) if story.last_minute else None,
@@ -74,7 +74,7 @@ def _read(minute: LastMinute) -> dict[str, Any]:
     return {"times": minute.times, "channels": channels}
 
 
-def _shown(deviation: Deviation) -> dict[str, Any]:
+def _deviation_row(deviation: Deviation) -> dict[str, Any]:
     """Return a deviation with its values in their display units."""
     signal = shown(TABLE[deviation.channel])
     values = {

@@ -145,7 +145,7 @@ class Watch:
         self._listening: Listening | None = None
         self._looks: int | None = None  # when the thread last went round (ns); None before it begins
         self._end = threading.Event()
-        self._thread = threading.Thread(target=self._watch, name="the panel's watch", daemon=True)
+        self._thread = threading.Thread(target=self._watch_rig, name="the panel's watch", daemon=True)
 
     def start(self) -> None:
         """Start to watch."""
@@ -183,7 +183,7 @@ class Watch:
         if listening is None:
             return {}
         readings = listening.readings
-        return {one.name: readings.sample(one.name) for one in self.shown if _comes(readings, one.name)}
+        return {one.name: readings.sample(one.name) for one in self.shown if _is_cyclic(readings, one.name)}
 
     def write(self, values: Mapping[str, float | str]) -> None:
         """Write settings to the rig while it has no commander. Raises BenchError if it refuses."""
@@ -196,7 +196,7 @@ class Watch:
 
     # -- in the thread ---------------------------------------------------------------------------------------------
 
-    def _watch(self) -> None:
+    def _watch_rig(self) -> None:
         while not self._end.is_set():
             try:
                 listening = self._listen()
@@ -205,7 +205,7 @@ class Watch:
                 self._revive()
                 self._end.wait(AGAIN)
                 continue
-            listening.receiver.sink = self._take
+            listening.receiver.sink = self._queue_samples
             self._listening = listening
             try:
                 self._follow(listening)
@@ -240,9 +240,9 @@ class Watch:
                 self._valves = valves(listening)
             if now - looked >= LOOK * NS:
                 looked = now
-                self.status = self._look(listening)
+                self.status = self._read_status(listening)
 
-    def _take(self, times: Ints, rows: Ints, values: "Floats") -> None:
+    def _queue_samples(self, times: Ints, rows: Ints, values: "Floats") -> None:
         if len(self._waiting) < _WAITING_MAX:
             self._waiting.append((times, rows, values))
 
@@ -275,7 +275,7 @@ class Watch:
             run["twin"] = self._twin_reader.story(run.get("record", ""))
         return run, answer.get("pid")
 
-    def _look(self, listening: Listening) -> Status:
+    def _read_status(self, listening: Listening) -> Status:
         readings, glimpse = listening.readings, listening.readings.glimpse
         state, run = _choice(readings, "rig.state"), self._run()
         late, latest, lease = glimpse("rig.late_ticks"), glimpse("rig.lateness_max"), glimpse("rig.lease")
@@ -305,7 +305,7 @@ class Watch:
         )
 
     def _reading(self, readings: Readings, one: Shown) -> KeyReading:
-        sample = readings.sample(one.name) if _comes(readings, one.name) else None
+        sample = readings.sample(one.name) if _is_cyclic(readings, one.name) else None
         if sample is None:
             return KeyReading(one.name, None, None)
         value = None if np.isnan(sample.value) else one.of(sample.value)
@@ -335,19 +335,19 @@ def valves(listening: Listening) -> dict[str, str]:
     """Return the settings of the valves that the rig has."""
     has = [name for name in VALVES if name not in listening.wiring.absent]
     settings = listening.settings.readings(*has) if has else {}
-    return {name: _word(name, value) for name, value in settings.items()}
+    return {name: _choice_text(name, value) for name, value in settings.items()}
 
 
-def _comes(readings: Readings, name: str) -> bool:
+def _is_cyclic(readings: Readings, name: str) -> bool:
     """Whether the rig sends a reading cyclically."""
     return readings.unknown(name) != "read when asked"
 
 
 def _choice(readings: Readings, name: str) -> str:
-    return _word(name, readings.glimpse(name))
+    return _choice_text(name, readings.glimpse(name))
 
 
-def _word(name: str, value: float) -> str:
+def _choice_text(name: str, value: float) -> str:
     choices = TABLE[name].choices
     return choices[round(value)] if 0 <= value < len(choices) else UNKNOWN
 

@@ -38,7 +38,7 @@ class Otherwise(NamedTuple):
         )
         after = simulated_parameters(other).as_built(seed).record
         names = differing(before, after)
-        lines = [f"{name} = {_shown(value)}" for name, value in (*effects.items(), *changes.items())]
+        lines = [f"{name} = {_as_text(value)}" for name, value in (*effects.items(), *changes.items())]
         return cls(names, after, lines + [_KEPT] * (not VOLUMES.isdisjoint(names)))
 
     def begin(self, rig: "Rig", at: float) -> None:
@@ -52,7 +52,7 @@ class Otherwise(NamedTuple):
             raise ParameterError(str(error)) from None
 
 
-def _shown(value: Any) -> str:
+def _as_text(value: Any) -> str:
     return ", ".join(value) if isinstance(value, list) else str(value)
 
 

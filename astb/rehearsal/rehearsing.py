@@ -258,9 +258,9 @@ def _margins(
                 step=step_at(result.phases, time),
                 action=ACTIONS[limit.action],
                 source=source,
-                limit=_shown(limit.signal, limit.kind, limit.at),
-                closest="" if isnan(near.judged) else _shown(limit.signal, limit.kind, near.judged),
-                began=_shown(limit.signal, limit.kind, near.rest)
+                limit=_in_display_unit(limit.signal, limit.kind, limit.at),
+                closest="" if isnan(near.judged) else _in_display_unit(limit.signal, limit.kind, near.judged),
+                began=_in_display_unit(limit.signal, limit.kind, near.rest)
                 if limit.kind in _PLACES and not isnan(near.rest)
                 else "",
             )
@@ -268,7 +268,7 @@ def _margins(
     return sorted(rows, key=lambda row: -row.used)
 
 
-def _shown(signal: str, kind: LimitKind, value: float) -> str:
+def _in_display_unit(signal: str, kind: LimitKind, value: float) -> str:
     """Return the quantity of a limit of this kind as text: a value, its rate, a time, a number."""
     if kind is LimitKind.TIMEOUT:
         return f"{value * 1e3:.0f} ms"

@@ -158,7 +158,7 @@ def samples(
         raise RecordError(f"{where} has more than one number per sample; choose a channel of single numbers")
     if values.dtype.kind in "iufb":
         return times, values.astype(np.float64), str(signal.unit or "")
-    words = [_word(one) for one in values]
+    words = [_decoded(one) for one in values]
     if texts is not None and set(words) <= set(texts):
         return times, np.array([texts[one] for one in words], np.float64), ""
     some = ", ".join(f'"{one}"' for one in sorted(set(words))[:3])
@@ -167,7 +167,7 @@ def samples(
     )
 
 
-def _word(value: Any) -> str:
+def _decoded(value: Any) -> str:
     return value.decode("utf-8", "replace").rstrip("\0") if isinstance(value, bytes) else str(value)
 
 

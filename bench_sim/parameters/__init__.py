@@ -110,7 +110,7 @@ def _load(name: str | Path, load_case: str | None, above: tuple[Path, ...]) -> P
     path, tables = (Path(f"{name}.toml"), {}) if own else read_toml(name, SETS)
     try:
         if own:
-            return _own(str(name), load_case)
+            return _built_in_set(str(name), load_case)
         if not is_model(tables):
             return _parse(path.stem, tables, load_case)
         if path.resolve() in above:
@@ -123,7 +123,7 @@ def _load(name: str | Path, load_case: str | None, above: tuple[Path, ...]) -> P
 
 
 @cache
-def _own(name: str, load_case: str | None) -> Parameters:
+def _built_in_set(name: str, load_case: str | None) -> Parameters:
     """Return a set of this package. Its file is read once per process."""
     read = _parse(name, read_toml(name, SETS)[1], load_case)
     for entry in (*read.entries.values(), *read.load_cases.values()):

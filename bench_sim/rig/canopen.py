@@ -111,9 +111,9 @@ class CanopenNode:
 
     def concerns(self, block: Block) -> bool:
         """Return whether the node must handle ``block`` before the tick reads the other frames."""
-        return not self.operational or bool(self._own(block).any())
+        return not self.operational or bool(self._for_node(block).any())
 
-    def _own(self, block: Block) -> npt.NDArray[np.bool_]:
+    def _for_node(self, block: Block) -> npt.NDArray[np.bool_]:
         """Return a mask of the frames that only the node handles."""
         mine = self._mine[block["id"] & STANDARD_ID_MAX] & (block["extended"] == 0)
         return mine & (block["id"] <= STANDARD_ID_MAX)
@@ -121,7 +121,7 @@ class CanopenNode:
     def receive(self, block: Block, peer: str) -> Block:
         """Handle the frames of ``peer`` that are for the node, and return the others."""
         self.objects.peer = peer
-        mine = self._own(block)
+        mine = self._for_node(block)
         own, block = block[mine], block[~mine]
         for record in own[:_FRAMES_AT_ONCE]:
             identifier, data = int(record["id"]), payload(record)

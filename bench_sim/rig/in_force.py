@@ -44,7 +44,7 @@ class InForce:
         self.generator, self._fittings = generator, Fittings(plant, registers.active, springs)
         #: Unload rate of actuators that are being released, N/s each.
         self._letting_go: npt.NDArray[np.float64] = plant.parameters.actuator_unload_rate
-        self._put(registers.active)
+        self._apply_air(registers.active)
 
     def apply(self, settings: Mapping[str, float]) -> bool:
         """Apply all settings at once, and change control modes without a jump. Return whether that is allowed now."""
@@ -54,7 +54,7 @@ class InForce:
         if not self._fittings.change(settings, engaged=bool(c["engaged"] or c["grip"] != Grip.OPEN)):
             return False
         c["refitted"] = 1
-        self._put(settings)
+        self._apply_air(settings)
         return True
 
     def rest(self, *, vented: bool) -> None:
@@ -68,7 +68,7 @@ class InForce:
         registers.drop_staged()
         if vented:
             self.generator.clear()
-        self._put(registers.active)
+        self._apply_air(registers.active)
         for target in _ACTUATORS:
             self.take_present(target)
         c["goal"] = c["setpoint"]
@@ -122,7 +122,7 @@ class InForce:
         mode = self._mode(target)
         return 0.0 if mode == "off" else float(self._values[TABLE.index[f"{ACTUATORS[target]}.{mode}"]])
 
-    def _put(self, settings: Mapping[str, float]) -> None:
+    def _apply_air(self, settings: Mapping[str, float]) -> None:
         c = self._controls
         for k, side in enumerate(SIDES):
             c["air_mode"][k] = settings[f"air.{side}_mode"]

@@ -34,14 +34,14 @@ def story(incident: Incident, cause: str, signal: str, events: Sequence[Incident
     Times are since the start of the rig.
     """
     lines = [f"{clock(incident.tick)} {cause}"]
-    lines += [f"  before: {line}" for line in _before(incident, signal)]
+    lines += [f"  before: {line}" for line in _before_the_trip(incident, signal)]
     after = [event for event in events if event.tick >= incident.tick]
     before = [event for event in events if incident.tick - 10_000 <= event.tick < incident.tick]
     lines += [f"  before: {clock(event.tick)} {event.text}" for event in before[-_EVENTS_AFTER:]]
     lines += [f"{clock(event.tick)} {event.text}" for event in after[:_EVENTS_AFTER]]
     if len(after) > _EVENTS_AFTER:
         lines.append(f"… and {len(after) - _EVENTS_AFTER} more")
-    lines += [f"  after: {line}" for line in _after(incident)]
+    lines += [f"  after: {line}" for line in _after_the_trip(incident)]
     return "\n".join(lines) + "\n"
 
 
@@ -62,7 +62,7 @@ def _measured(incident: Incident) -> Iterator[tuple[Signal, npt.NDArray[np.int16
             yield TABLE[name], samples
 
 
-def _before(incident: Incident, first: str) -> list[str]:
+def _before_the_trip(incident: Incident, first: str) -> list[str]:
     """Return sentences on readings that were missing, stuck or changing before the trip. Missing and stuck readings and
     the signal ``first`` come first, then the largest changes.
     """
@@ -83,7 +83,7 @@ def _before(incident: Incident, first: str) -> list[str]:
                 (
                     np.inf,
                     signal.name,
-                    f"{named(signal.name)} had said exactly {_shown(signal, past[-1])} for {since}",
+                    f"{named(signal.name)} had said exactly {_value_as_text(signal, past[-1])} for {since}",
                 )
             )
             continue
@@ -107,9 +107,9 @@ def _course(signal: Signal, past: npt.NDArray[np.int16], start: float, end: floa
     away = np.abs(past - end) > _NEAR * abs(end - start)
     there = (past.size - 1 - np.flatnonzero(away)[-1]) / FAST_RATE if away.any() else 0.0
     if there >= 0.5:
-        level = f"{_shown(signal, end)} for {there:.1f} s"
-        return f"{named(signal.name)} had been at {level} (from {_shown(signal, start)})"
-    return f"{named(signal.name)} went from {_shown(signal, start)} to {_shown(signal, end)} in {since}"
+        level = f"{_value_as_text(signal, end)} for {there:.1f} s"
+        return f"{named(signal.name)} had been at {level} (from {_value_as_text(signal, start)})"
+    return f"{named(signal.name)} went from {_value_as_text(signal, start)} to {_value_as_text(signal, end)} in {since}"
 
 
 def _since(inside: npt.NDArray[np.bool_]) -> str:
@@ -119,19 +119,19 @@ def _since(inside: npt.NDArray[np.bool_]) -> str:
     return f"{ago:.1f} s" if ago >= 1 else f"{ago * 1000:.0f} ms"
 
 
-def _after(incident: Incident) -> list[str]:
+def _after_the_trip(incident: Incident) -> list[str]:
     """Return a sentence on the end of the record: the state of the bench, and the bellows pressures and heights."""
     lines = []
     states = incident.samples[incident.channels.index("rig.state")]
     if states.size and states[-1] != NO_SAMPLE:
         seconds = (states.size - 1 - incident.trigger) / FAST_RATE
         ends = [
-            f"{named(name)} {_shown(TABLE[name], incident.samples[incident.channels.index(name)][-1])}"
+            f"{named(name)} {_value_as_text(TABLE[name], incident.samples[incident.channels.index(name)][-1])}"
             for name in ("left.bellows_pressure", "right.bellows_pressure", "left.height", "right.height")
         ]
         lines.append(f"{seconds:.0f} s later the bench is {STATES[int(states[-1])]}, {', '.join(ends)}")
     return lines
 
 
-def _shown(signal: Signal, steps: float) -> str:
+def _value_as_text(signal: Signal, steps: float) -> str:
     return "unknown" if steps == NO_SAMPLE else signal.show(float(f"{steps * signal.step:.4g}"))

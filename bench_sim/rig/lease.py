@@ -134,7 +134,7 @@ class Lease:
         self._lapsed -= {peer}
         if word == 0:
             if self.owner == peer:
-                self._end()
+                self._end_lease()
         elif self.owner is None:
             if self.token == 0:
                 self._grant(self._draw())
@@ -157,7 +157,7 @@ class Lease:
             if word != 0:
                 self._count(sender, _REQUEST_IDENTIFIER)
         elif word == self.token:
-            self._end()
+            self._end_lease()
         elif self.owner is None and word != 0:
             for peer, key in list(self._keys.items()):
                 if key == word:
@@ -174,7 +174,7 @@ class Lease:
         if not self.holds(peer):
             return
         if self.owner is None or self.owner == peer:
-            self._end()
+            self._end_lease()
         else:
             self._hand_out(self._draw())  # all clients of the bus have read the old token
             self._on_end()
@@ -191,7 +191,7 @@ class Lease:
             self._on_end()
         if Happened.LEASE_LOST in happened:
             self._lapse()
-            self._end()
+            self._end_lease()
 
     # -- the watchdog of the holder's writes ---------------------------------------------------------------------
 
@@ -254,7 +254,7 @@ class Lease:
         self._hand_out(token, commander)
         self._on_change()
 
-    def _end(self) -> None:
+    def _end_lease(self) -> None:
         self.watch(0)
         self.owner = self._former = None
         self._values[_HOLDER_ROW] = 0

@@ -229,8 +229,8 @@ def shifts(before: FittedModel, after: FittedModel, covariance: Array) -> list[S
             Shift(
                 name=coordinate.parameter.name,
                 unit=coordinate.parameter.display or coordinate.parameter.unit,
-                before=_shown(coordinate, before.point.numbers[i]),
-                after=_shown(coordinate, after.point.numbers[j]),
+                before=_in_display_unit(coordinate, before.point.numbers[i]),
+                after=_in_display_unit(coordinate, after.point.numbers[j]),
                 sd_before=_width(coordinate, before.point.numbers[i], deviations[0][i]),
                 sd_after=_width(coordinate, after.point.numbers[j], deviations[1][j]),
                 sigmas=number(move / deviations[0][i]) if deviations[0][i] > 0.0 else None,
@@ -240,7 +240,7 @@ def shifts(before: FittedModel, after: FittedModel, covariance: Array) -> list[S
     return sorted(found, key=lambda shift: -abs(shift.sigmas or 0.0))
 
 
-def _shown(coordinate: Coordinate, value: float) -> float | None:
+def _in_display_unit(coordinate: Coordinate, value: float) -> float | None:
     return number(coordinate.to_value(float(value)) / coordinate.parameter.scale)
 
 

@@ -81,7 +81,7 @@ def unphysical(model: FittedModel, base: FittedModel) -> str:
             STRAINED_PRIOR, strained.get(coordinate, 0.0) + FURTHER_STRAIN
         ):
             name = coordinate.in_words(model.replay.simulator.catalogue)
-            value = _shown(coordinate, number)
+            value = _value_as_text(coordinate, number)
             return f"it needs {name} = {value}, {abs(number):.1f} standard deviations from the expected value"
     before = out_of_range(base)
     return next((why for which, why in out_of_range(model).items() if which not in before), "")
@@ -104,12 +104,12 @@ def out_of_range(model: FittedModel) -> dict[Coordinate, str]:
         ):
             name = coordinate.in_words(model.replay.simulator.catalogue)
             found[coordinate] = (
-                f"the {name} reaches the limit of its permitted range ({_shown(coordinate, number)})"
+                f"the {name} reaches the limit of its permitted range ({_value_as_text(coordinate, number)})"
             )
     return found
 
 
-def _shown(coordinate: Coordinate, number: float) -> str:
+def _value_as_text(coordinate: Coordinate, number: float) -> str:
     """Return a fitted number as text in its display unit."""
     parameter = coordinate.parameter
     unit = parameter.display or parameter.unit

@@ -95,10 +95,10 @@ def profiled(model: FittedModel, place: int, wider: float = 1.0) -> tuple[float,
 
     ``wider`` is the factor by which errors of the model widen the interval.
     """
-    return _end(model, place, -1.0, wider), _end(model, place, 1.0, wider)
+    return _interval_end(model, place, -1.0, wider), _interval_end(model, place, 1.0, wider)
 
 
-def _end(model: FittedModel, place: int, side: float, wider: float) -> float:
+def _interval_end(model: FittedModel, place: int, side: float, wider: float) -> float:
     """Return one end of the interval. It is that of the covariance if χ² there agrees within a fifth; otherwise it is
     searched on χ².
     """

@@ -25,7 +25,7 @@ ResidualBound = Callable[[FittedModel, str], float]
 
 def is_predicted(model: FittedModel, effect: str, select: Sequence[MeasuredRun], floors: Array) -> bool:
     """Return whether an effect, as fitted, removes most of the error of all channels on the select runs."""
-    return bool(select) and _left(model, effect, select, floors) < PREDICTED_SHARE
+    return bool(select) and _share_without(model, effect, select, floors) < PREDICTED_SHARE
 
 
 def residual_bound(select: Sequence[MeasuredRun], floors: Array) -> ResidualBound:
@@ -34,13 +34,13 @@ def residual_bound(select: Sequence[MeasuredRun], floors: Array) -> ResidualBoun
     """
 
     def left(model: FittedModel, effect: str) -> float:
-        part = _left(model, effect, select, floors, unsure=True) if select else math.nan
+        part = _share_without(model, effect, select, floors, unsure=True) if select else math.nan
         return math.inf if math.isnan(part) else part
 
     return left
 
 
-def _left(
+def _share_without(
     model: FittedModel, effect: str, select: Sequence[MeasuredRun], floors: Array, *, unsure: bool = False
 ) -> float:
     alone = fit(model.replay, model.noise, model.point.without(effect), model.linearisation)

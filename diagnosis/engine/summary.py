@@ -111,7 +111,7 @@ def summarised(finding: Finding, beside: Conclusions) -> Finding:
             wrong=wrong,
             sure=sure,
             evidence=_sentences([error, _shown_by(finding), _in_checks(finding)]),
-            next=_next(finding, beside),
+            next=_next_step(finding, beside),
         ),
     )
 
@@ -337,7 +337,7 @@ def _in_checks(found: Finding) -> str:
     )
 
 
-def _next(found: Finding, beside: Conclusions) -> str:
+def _next_step(found: Finding, beside: Conclusions) -> str:
     if found.verdict is Verdict.DOUBTFUL:
         return "Correct the doubtful data, and repeat the diagnosis."
     if found.verdict is Verdict.NO_EFFECT:

@@ -172,7 +172,7 @@ def _prepare(step: float, clock: Array, measured: Mapping[str, Array]) -> Mappin
     return {"time": clock}
 
 
-def _begin(measured: Mapping[str, Array]) -> Mapping[str, float]:
+def _start_pressure(measured: Mapping[str, Array]) -> Mapping[str, float]:
     """Return the pressure at the start of a record. It is read from a line through the first samples, because it may
     fall fast.
     """
@@ -213,5 +213,5 @@ CHAMBER: Final = System(
     ),
     simulator=_simulator,
     prepare=_prepare,
-    begin=_begin,
+    begin=_start_pressure,
 )

@@ -120,12 +120,12 @@ def explanations(
         if other.name not in names:
             worse.setdefault(other.name, other)
     return Explained(
-        tuple(_over([one for one in alike if one.name == name]) for name in names),
+        tuple(_with_joint_interval([one for one in alike if one.name == name]) for name in names),
         worse=tuple(worse.values()),
     )
 
 
-def _over(ranked: Sequence[SizedCause]) -> SizedCause:
+def _with_joint_interval(ranked: Sequence[SizedCause]) -> SizedCause:
     """Return the first of the ranked causes. Its intervals include those of all causes that explain as much."""
     best = ranked[0]
     possible = [one for one in ranked if one.left <= best.left + POSSIBLE and one.form is best.form]
@@ -257,7 +257,7 @@ class _Look:
         """Return those of the refined causes that explain the stretch if they grow, or if they end."""
         bins = len(self._columns.measured)
         steps: list[dict[int, Array]] = [{} for _ in looks]
-        asked = [_asked(look) for look in looks]
+        asked = [_simulation_input(look) for look in looks]
         for place in (0, *places(self._since, bins)):  # a cause from before the stretch may end in it, too
             for one, column in zip(steps, self._replays.columns(asked, place), strict=True):
                 yield
@@ -290,7 +290,7 @@ class _Look:
         """Return a function: it simulates a refined cause at its present size from each of the given bins on."""
 
         def steps(bins: Sequence[int]) -> Steps:
-            made = {place: next(self._replays.columns([_asked(look)], place)) for place in bins}
+            made = {place: next(self._replays.columns([_simulation_input(look)], place)) for place in bins}
             return {place: column for place, column in made.items() if column is not None}
 
         return steps
@@ -307,7 +307,7 @@ class _Look:
 
     def at_present(self, looks: Sequence[_Closely]) -> list[Acting]:
         """Return refined causes with their fitted sizes and best start bins."""
-        return [Acting(*_asked(one), one.best.onset) for one in looks]
+        return [Acting(*_simulation_input(one), one.best.onset) for one in looks]
 
     def pairs(self, firsts: Sequence[Acting]) -> Work[tuple[tuple[SizedCause, SizedCause], ...]]:
         """Return pairs of causes that together explain the stretch, best first. One cause of each pair is among
@@ -360,7 +360,7 @@ class _Look:
         return SizedCause(look.tried.cause.name, best.fit.size, low, high, *since, best.left, along)
 
 
-def _asked(look: _Closely) -> tuple[Hypothesis, Mapping[str, float], float]:
+def _simulation_input(look: _Closely) -> tuple[Hypothesis, Mapping[str, float], float]:
     """Return cause, shapes and fitted size of a refined cause, as the input of a simulation."""
     tried = look.tried
     return tried.cause, tried.shapes, bounded(tried.cause, look.best.fit.size)

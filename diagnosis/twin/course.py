@@ -173,34 +173,34 @@ def described(
     first, others = _causes(deviation)
     wrong = (
         f"Since {_since(deviation)}, {channel.name} is {apart} {unit} {'above' if off > 0.0 else 'below'} the model."
-        f"{first and f' Possible cause: {first}.'}{_end(deviation)}"
+        f"{first and f' Possible cause: {first}.'}{_end_sentence(deviation)}"
     )
     evidence = (
-        f"It was detected at {_at(deviation.detected)}, when {channel.name} was {measured} {unit}. "
+        f"It was detected at {_time_text(deviation.detected)}, when {channel.name} was {measured} {unit}. "
         f"The model expects {expected} ± {band} {unit} (k = 2)."
     )
-    summary = Summary(wrong, others, evidence, _next(deviation, catalogue))
+    summary = Summary(wrong, others, evidence, _next_step(deviation, catalogue))
     return replace(deviation, summary=summary, sentence=f"{wrong} {others}")
 
 
-def _at(seconds: float) -> str:
+def _time_text(seconds: float) -> str:
     """Return a time of the run as text, with one decimal. Equal times then look equal in all sentences."""
     return f"{seconds:.1f} s"
 
 
-def _end(deviation: Deviation) -> str:
+def _end_sentence(deviation: Deviation) -> str:
     if deviation.withdrawn:
-        return f" Withdrawn at {_at(deviation.course[-1].at)}: later readings agree with the model."
+        return f" Withdrawn at {_time_text(deviation.course[-1].at)}: later readings agree with the model."
     if deviation.over is not None:
-        return f" The rig agrees with its model again, at the latest from {_at(deviation.over)} on."
+        return f" The rig agrees with its model again, at the latest from {_time_text(deviation.over)} on."
     return ""
 
 
 def _since(deviation: Deviation) -> str:
     """Return the start time as text, with its interval if that is wider than one second."""
     if deviation.earliest is None or deviation.latest is None or deviation.latest - deviation.earliest < 1.0:
-        return _at(deviation.since)
-    return f"{_at(deviation.since)} ({deviation.earliest:.1f} to {_at(deviation.latest)})"
+        return _time_text(deviation.since)
+    return f"{_time_text(deviation.since)} ({deviation.earliest:.1f} to {_time_text(deviation.latest)})"
 
 
 def _causes(deviation: Deviation) -> tuple[str, str]:
@@ -214,14 +214,14 @@ def _causes(deviation: Deviation) -> tuple[str, str]:
         return first, "No other single cause of the catalogue explains it."
     if deviation.pairs:
         first, *others = (
-            " and ".join(f"{_cause(one)}{_from(one)}" for one in pair) for pair in deviation.pairs
+            " and ".join(f"{_cause(one)}{_onset_text(one)}" for one in pair) for pair in deviation.pairs
         )
         also = f" Other possible pairs: {'; or '.join(others)}." if others else ""
         return first, f"No single cause of the catalogue explains it, but two together do.{also}"
     return "", "No single cause of the catalogue explains it."
 
 
-def _next(deviation: Deviation, catalogue: Mapping[str, Hypothesis]) -> str:
+def _next_step(deviation: Deviation, catalogue: Mapping[str, Hypothesis]) -> str:
     """Return the part to inspect and the run to do next."""
     if not deviation.lasts:
         return "No inspection is necessary while the rig agrees with its model."
@@ -232,8 +232,8 @@ def _next(deviation: Deviation, catalogue: Mapping[str, Hypothesis]) -> str:
     return f"{look}To find the cause: `astb run screening`, then `astb diagnose`."
 
 
-def _from(cause: PossibleCause) -> str:
-    return "" if cause.since is None else f" from {_at(cause.since)} on"
+def _onset_text(cause: PossibleCause) -> str:
+    return "" if cause.since is None else f" from {_time_text(cause.since)} on"
 
 
 def _cause(cause: PossibleCause) -> str:
@@ -242,6 +242,6 @@ def _cause(cause: PossibleCause) -> str:
         return text
     if cause.form == Form.GROWING:
         if cause.until is None:
-            return f"{text}, still growing since {_at(cause.since)}"
-        return f"{text}, grown from {cause.since:.1f} to {_at(cause.until)}"
-    return text if cause.until is None else f"{text}, from {cause.since:.1f} to {_at(cause.until)}"
+            return f"{text}, still growing since {_time_text(cause.since)}"
+        return f"{text}, grown from {cause.since:.1f} to {_time_text(cause.until)}"
+    return text if cause.until is None else f"{text}, from {cause.since:.1f} to {_time_text(cause.until)}"

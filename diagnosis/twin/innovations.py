@@ -164,7 +164,7 @@ def columns_of(
     felt = dict(zip(names, slopes, strict=True))
     slopes += _remembered(run.experiment, channels, felt, bins, simulator, pressures)
     if noise is None:
-        noise = np.maximum(_believed(channels), _shown(run.outputs - base, bins))
+        noise = np.maximum(_believed(channels), _noise_variance(run.outputs - base, bins))
     return Columns(
         bins.samples, bins.mean(run.outputs), bins.mean(base), np.stack(slopes, axis=-1), inputs, noise
     )
@@ -195,7 +195,7 @@ def _believed(channels: Sequence[Channel]) -> Array:
     return np.array([channel.noise**2 + channel.resolution**2 / 12.0 for channel in channels])
 
 
-def _shown(errors: Array, bins: Bins) -> Array:
+def _noise_variance(errors: Array, bins: Bins) -> Array:
     """Return the variance of a reading (c,), from differences of errors (n, c) between samples and between bins.
 
     The median of squares ignores model errors and jumps, which are in few differences. Bins show correlated noise.

@@ -36,7 +36,7 @@ def joined(
     return LastMinute(
         tuple(times[lasts].tolist()),
         tuple(
-            Compared(channel.name, *(_shown(one) for one in columns[:, lasts, c]))
+            Compared(channel.name, *(_rounded(one) for one in columns[:, lasts, c]))
             for c, channel in enumerate(channels)
         ),
     )
@@ -48,5 +48,5 @@ def _columns(minute: LastMinute) -> Array:
     return np.array(rows, np.float64).transpose(1, 2, 0)
 
 
-def _shown(values: Array) -> tuple[float | None, ...]:
+def _rounded(values: Array) -> tuple[float | None, ...]:
     return tuple(float(f"{value:.{_DIGITS}g}") if np.isfinite(value) else None for value in values)

@@ -127,7 +127,7 @@ class Pairs:
     ) -> Work[_Two | None]:
         """Return the pair after the start of one cause (``which``) was optimised; the other cause is not moved."""
         mover, keeper = acting[which], acting[1 - which]
-        kept = before.columns[1 - which] if before else self._one(keeper)
+        kept = before.columns[1 - which] if before else self._single_column(keeper)
         if kept is None:
             return before
         tried: list[_Two] = []
@@ -135,7 +135,7 @@ class Pairs:
         for onset in sorted(one for one in onsets if 0 < one <= self._last or not mover.onset):
             yield
             moved = mover._replace(size=bounded(mover.cause, mover.size), onset=onset)
-            if (column := self._one(moved)) is None:
+            if (column := self._single_column(moved)) is None:
                 continue
             both = (kept, column) if which else (column, kept)
             fits = self._stretch.fit.together(both)
@@ -151,7 +151,7 @@ class Pairs:
         mine = (min(possible), max(possible))
         return best._replace(since=(other, mine) if which else (mine, other))
 
-    def _one(self, acting: Acting) -> Array | None:
+    def _single_column(self, acting: Acting) -> Array | None:
         (column,) = self._stretch.replays.columns(
             [(acting.cause, acting.shapes, bounded(acting.cause, acting.size))], acting.onset
         )

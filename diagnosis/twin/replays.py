@@ -38,7 +38,7 @@ class Replays:
         None for a cause that is impossible or has size 0.
         """
         first = onset * self._bins.size
-        experiment = self._from(first)
+        experiment = self._experiment_from(first)
         jobs = [Job(experiment, {}, {})]
         jobs += [
             Job(experiment, {}, {cause.name: {cause.amplitude.name: size, **shapes}})
@@ -63,7 +63,7 @@ class Replays:
         moved = self._simulator.run_turning(self._run.experiment, cause.name, values, first * self._bins.size)
         return self._bins.mean(moved - self._base) if np.isfinite(moved).all() else None
 
-    def _from(self, first: int) -> Experiment:
+    def _experiment_from(self, first: int) -> Experiment:
         """Return the part of the experiment from sample ``first`` on. It starts with the simulated pressures at this
         sample.
         """

@@ -100,12 +100,12 @@ def stretches(record: Record, *, ended: bool = True, since: Stretch = BEGINNING)
     begin -= before
     if len(grid) <= begin:
         return []
-    why = _why(record, grid)
+    why = _reasons_to_skip(record, grid)
     ready = _Ready(record, grid, ended=ended)
     found: list[Stretch] = []
-    for first, last in _alike(why, begin):
+    for first, last in _equal_sequences(why, begin):
         if why[first]:
-            found.append(_part(grid, first, last, why[first]))
+            found.append(_stretch(grid, first, last, why[first]))
         else:
             continues = first == begin and since.judged
             found += ready.cut(first, last, since if continues else None)
@@ -113,7 +113,7 @@ def stretches(record: Record, *, ended: bool = True, since: Stretch = BEGINNING)
     return found
 
 
-def _part(grid: Array, first: int, last: int, why: str = "", *, moving: bool = False) -> Stretch:
+def _stretch(grid: Array, first: int, last: int, why: str = "", *, moving: bool = False) -> Stretch:
     return Stretch(float(grid[first]), float(grid[last - 1]) + STEP, why, moving=moving)
 
 
@@ -141,11 +141,11 @@ class _Ready:
             full = np.convolve(self._still[first:last], np.ones(rest), "valid") > rest - 0.5
             starts = np.flatnonzero(full) + first
         if since is None and not len(starts):
-            yield _part(self._grid, first, last, self._reason(first, last))
+            yield _stretch(self._grid, first, last, self._reason(first, last))
             return
         start, moving = (int(starts[0]), False) if since is None else (first, since.moving)
         if start > first:
-            yield _part(self._grid, first, start, self._reason(first, start))
+            yield _stretch(self._grid, first, start, self._reason(first, start))
         while True:
             longest = start + round(LONGEST / STEP)
             rest = int(np.searchsorted(starts, start + round(LONG / STEP)))
@@ -155,15 +155,15 @@ class _Ready:
                 end, ends_moving = longest, True
             else:
                 break
-            yield _part(self._grid, start, end, moving=moving)
+            yield _stretch(self._grid, start, end, moving=moving)
             start, moving = end, ends_moving
-        yield _part(self._grid, start, last, moving=moving)
+        yield _stretch(self._grid, start, last, moving=moving)
 
     def _reason(self, first: int, last: int) -> str:
         return WARM if self._warm[first:last].mean() > 0.5 else MOVING
 
 
-def _why(record: Record, grid: Array) -> list[str]:
+def _reasons_to_skip(record: Record, grid: Array) -> list[str]:
     """Return for each step why the model cannot be judged there; "" if it can."""
     settings = SettingsOfRecord(record)
     valves = settings.valves(grid)
@@ -256,7 +256,7 @@ def _mean(record: Record, name: str, grid: Array) -> Array | None:
     return np.interp(grid, grid[seen], total[seen] / count[seen]) if seen.any() else None
 
 
-def _alike(words: list[str], first: int) -> Iterator[tuple[int, int]]:
+def _equal_sequences(words: list[str], first: int) -> Iterator[tuple[int, int]]:
     """Yield start and stop index of each sequence of equal words, from index ``first`` on."""
     for k in range(first + 1, len(words) + 1):
         if k == len(words) or words[k] != words[first]:

@@ -217,7 +217,7 @@ class _Reader:
 
     def _signal(self, where: str, signal: Signal, entry: SignalEntry) -> None:
         if entry.absent:
-            others = [key for key in _given(entry) if key != "absent"]
+            others = [key for key in _changed_keys(entry) if key != "absent"]
             if others:
                 raise WiringError(f"{where} has absent and {', '.join(others)}; keep one of them")
             self._absent[signal.name] = entry.absent
@@ -364,7 +364,7 @@ _KEYS: Final = {
 }
 
 
-def _given(entry: SignalEntry) -> list[str]:
+def _changed_keys(entry: SignalEntry) -> list[str]:
     """Return the keys of a line that differ from their defaults."""
     fields = msgspec.structs.fields(SignalEntry)
     default = SignalEntry()
@@ -373,7 +373,7 @@ def _given(entry: SignalEntry) -> list[str]:
 
 def _refuse_wrong_keys(where: str, signal: Signal, entry: SignalEntry) -> None:
     right = _KEYS[signal.kind]
-    for key in _given(entry):
+    for key in _changed_keys(entry):
         if key not in right:
             raise WiringError(
                 f"{where}.{key} is not a key of {_article(signal.kind)}; the keys are {', '.join(right)}, absent"

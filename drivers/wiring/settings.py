@@ -45,7 +45,7 @@ class PointSettings:
         """Write ``values`` (SI) and wait for confirmation. Without it, restore the old values and raise Refused."""
         numbers = {name: self._number(name, value) for name, value in values.items()}
         written = {name: number for name, number in numbers.items() if number is not None}
-        before = self._before(written)
+        before = self._present_numbers(written)
         try:
             self._points.write({self._settings[name].point: number for name, number in written.items()})
             if written:
@@ -77,7 +77,7 @@ class PointSettings:
             )
         return number
 
-    def _before(self, names: Iterable[str]) -> dict[str, float]:
+    def _present_numbers(self, names: Iterable[str]) -> dict[str, float]:
         """Return the points of settings with their present numbers, as far as they are known."""
         numbers = {}
         present = self._points.read(point for name in names for point in self.source(name))

@@ -61,7 +61,7 @@ def open_transport(
         module, _, factory = _FACTORIES[kind].partition(":")
         made: Transport = getattr(importlib.import_module(module), factory)(name, table, where)
         return made
-    return _own(name, kind, table, where)
+    return _user_transport(name, kind, table, where)
 
 
 def open_all(
@@ -114,7 +114,7 @@ def _require_listed(key: str, point: str, table: Mapping[str, Any]) -> None:
         )
 
 
-def _own(name: str, kind: str, table: Mapping[str, Any], where: Path) -> Transport:
+def _user_transport(name: str, kind: str, table: Mapping[str, Any], where: Path) -> Transport:
     """Return the transport made by a user's factory: ``factory(name, table, where)``."""
     module_name, _, factory_name = kind.rpartition(":")
     place = f"transports.{name}: kind = {kind!r}"

@@ -119,7 +119,7 @@ def perform(run: Run, programme: Programme) -> None:
         for stretch in part.stretches:
             number += 1
             with run.phase("prepare"):
-                _turn(run, stretch.valves)
+                _set_valves(run, stretch.valves)
                 _move_to_pose(run, home, stretch.start)
                 run.bench.wait(SETTLE)
             name = f"{programme.name} {number} {part.load}"
@@ -214,7 +214,7 @@ def _segment(run: Run, home: Home, segment: Segment) -> None:
             case RestPose():
                 _move_to_pose(run, home, segment)
             case Valves():
-                _turn(run, segment)
+                _set_valves(run, segment)
     if isinstance(segment, RestPose) and segment.rest:
         _wait_at_rest(run, segment.rest)
 
@@ -231,7 +231,7 @@ def _shake(run: Run, wave: Wave) -> None:
     )
 
 
-def _turn(run: Run, valves: Valves) -> None:
+def _set_valves(run: Run, valves: Valves) -> None:
     air = run.bench.air
     for value, actions in (
         (valves.air, {"hold": air.hold, "level": air.level}),

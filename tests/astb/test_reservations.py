@@ -149,7 +149,7 @@ def test_a_damaged_file_is_reported():
 
 
 def turn(by: str, *, wait: bool, say: Callable[[str], None] = pytest.fail):
-    return run._turn([plans()["aw0"]], RigFile("hall"), RIG, run.Keeping(operator=by, wait=wait), say)
+    return run._queue_turn([plans()["aw0"]], RigFile("hall"), RIG, run.Keeping(operator=by, wait=wait), say)
 
 
 @pytest.mark.parametrize("after", [timedelta(0), MINUTE], ids=["now", "before the end of the run"])

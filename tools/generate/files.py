@@ -300,7 +300,7 @@ def parameters_page() -> str:
         print("| parameter | value | range | source |\n|---|---|---|---|", file=out)
         for name, row in rows.items():
             unit = f" {row['unit']}" if row["unit"] != "1" else ""
-            cells = (f"{_shown(row['value'])}{unit}", f"{_shown(row['min'])} to {_shown(row['max'])}")
+            cells = (f"{_as_text(row['value'])}{unit}", f"{_as_text(row['min'])} to {_as_text(row['max'])}")
             print(f"| `{name}` | {' | '.join(cells)} | {_with_provenance(row)} |", file=out)
         print(file=out)
     _print_sensors(out)
@@ -333,7 +333,7 @@ def _print_sensors(out: TextIO) -> None:
     )
     for group in Group:
         rows = _sensor_rows(group)
-        values = {name: _shown(row["value"]) for name, row in rows.items()}
+        values = {name: _as_text(row["value"]) for name, row in rows.items()}
         cells = [f"{values['low']} to {values['high']}"]
         cells += [values[name] for name in ("accuracy", "resolution", "noise", "lag")]
         source = rows["accuracy"]["source"]
@@ -435,8 +435,8 @@ def _sensor_rows(group: Group) -> dict[str, dict[str, Any]]:
     }
 
 
-def _shown(value: Any) -> str:
-    return ", ".join(_shown(part) for part in value) if isinstance(value, list) else f"{value:g}"
+def _as_text(value: Any) -> str:
+    return ", ".join(_as_text(part) for part in value) if isinstance(value, list) else f"{value:g}"
 
 
 def commands_page() -> str:

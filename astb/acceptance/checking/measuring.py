@@ -116,7 +116,7 @@ class Measuring:
 
     def hanging(self) -> None:
         """Move the bolster, and the platform below it, with sines while the bolster hangs on the actuators."""
-        self._to(HIGH, HIGH)
+        self._move_pistons(HIGH, HIGH)
         for axis, amplitude, frequency in HANGING:
             setpoint = _SETPOINT.get(axis)
             if setpoint is None or self._bench.has(setpoint):
@@ -128,13 +128,13 @@ class Measuring:
         The moment of the load cells divided by their force is the spring's position.
         """
         for side in SIDES:
-            self._to(LOW, LOW)
+            self._move_pistons(LOW, LOW)
             before = self._readings_at_rest()
             self._tilt(side, HIGH)
             self._store_change(before, side)
-            self._to(LOW, LOW)
+            self._move_pistons(LOW, LOW)
             self._press(side)
-        self._to(LOW, LOW)
+        self._move_pistons(LOW, LOW)
 
     def pressed(self) -> None:
         """Move the bolster with sines while it is pressed on both stops."""
@@ -164,7 +164,7 @@ class Measuring:
 
     # -- motions -----------------------------------------------------------------------------------------------------
 
-    def _to(self, left: float, right: float, rate: float = RATE) -> None:
+    def _move_pistons(self, left: float, right: float, rate: float = RATE) -> None:
         """Move the pistons to the heights ``left`` and ``right`` above their positions of rest (m), at ``rate`` (m/s),
         and wait.
         """
@@ -181,7 +181,7 @@ class Measuring:
         spring, piston = (1.0, 1.0) if self._rig.lacks(*names) else (abs(self._rig[name]) for name in names)
         other = LOW + (up - LOW) * (spring - piston) / (spring + piston)
         left, right = (up if one == side else other for one in SIDES)
-        self._to(left, right, PRESS_RATE)
+        self._move_pistons(left, right, PRESS_RATE)
 
     def _store_change(self, before: Mapping[str, tuple[float, float]], side: str) -> None:
         """Store the change of all readings since ``before``. Only the spring of ``side`` has moved since then."""
@@ -340,8 +340,8 @@ class Measuring:
             value, u, si, right = one.value * mean, one.uncertainty * mean, "m", f"{mean:.4g} m"
         else:
             value, u, si = one.value, one.uncertainty, NAMES[one.name]
-            right = _shown(stated.value, stated.uncertainty, si) if stated else "not stated"
-        verdict, found = Plausibility.FINE, _shown(value, u, si)
+            right = _with_uncertainty(stated.value, stated.uncertainty, si) if stated else "not stated"
+        verdict, found = Plausibility.FINE, _with_uncertainty(value, u, si)
         if one.contradicted:
             verdict = Plausibility.DOUBTFUL
             found += ": the stated values are wrong"
@@ -383,6 +383,6 @@ def _words(name: str) -> str:
     return name.replace("_", " ") if name in DIMENSIONS else name
 
 
-def _shown(value: float, u: float, si: str) -> str:
+def _with_uncertainty(value: float, u: float, si: str) -> str:
     unit, factor = {"s": ("ms", 1e-3), "N/m": ("MN/m", 1e6), "1": ("", 1.0)}.get(si, (si, 1.0))
     return f"{value / factor:.4g} ± {u / factor:.2g} {unit}".rstrip()

@@ -60,7 +60,7 @@ def move_each(bench: Bench) -> list[MoveLine]:
     except (BenchError, ValueError) as error:  # a position out of its range is no set-point
         book.note("the moves", False, str(error), "no fault")
     finally:
-        _back(bench, book)
+        _return_to_rest(bench, book)
     return book.lines
 
 
@@ -74,7 +74,7 @@ def _not_now(bench: Bench) -> str:
     return ""
 
 
-def _back(bench: Bench, book: _Moves) -> None:
+def _return_to_rest(bench: Bench, book: _Moves) -> None:
     try:
         bench.disarm()
         book.note("the way to rest", True, f"state {bench.state}")

@@ -53,8 +53,8 @@ def leave(line: ModbusConnection, *, targets: bool) -> bool:
 def note_rest(access: RawAccess, book: Notebook, end: str) -> None:
     """Record whether all settings have their rest values after the event ``end``, and reset those that do not."""
     line = access.modbus()
-    access.wait_for(lambda: not _left(line), REST_WITHIN)
-    left = _left(line)
+    access.wait_for(lambda: not _changed_settings(line), REST_WITHIN)
+    left = _changed_settings(line)
     found = ", ".join(f"{name} = {TABLE[name].show(value)}" for name, value in left.items())
     book.note(f"in force after {end}", not left, found or "nothing", "nothing but what hands have fitted")
     if left and take(line):
@@ -69,7 +69,7 @@ def _apply(line: ModbusConnection, values: Mapping[str, float]) -> None:
     line.press(TABLE["action.apply"].address or 0)
 
 
-def _left(line: ModbusConnection) -> dict[str, float]:
+def _changed_settings(line: ModbusConnection) -> dict[str, float]:
     """Return the settings in force that differ from their rest values (SI), by name."""
     return {
         name: value

@@ -78,7 +78,7 @@ class FaultPanel:
         _check_time("for", lasting, TICK)
         label = fault.label(values)
         if label in self._on:
-            self._off(label)
+            self._undo(label)
         lasting = fault.lasts if lasting is None else lasting
         schedule = self.points.schedule
         undos: list[Undo] = []
@@ -89,7 +89,7 @@ class FaultPanel:
             raise FaultError(f"{label}: {error}") from None
         if lasting is not None:
             end = schedule.tick + max(1, round(lasting / TICK))
-            undos.append(schedule.at(end, lambda: self._off(label)))
+            undos.append(schedule.at(end, lambda: self._undo(label)))
             until = round(end * TICK, 6)
         self._on[label] = active = ActiveFault(label, fault, given, self.time, until, tuple(undos))
         return active
@@ -109,7 +109,7 @@ class FaultPanel:
                 now_on = f"these faults are on: {', '.join(self._on)}" if self._on else "no fault is on"
                 raise FaultError(f"{name} is not on; {now_on}")
         for label in labels:
-            self._off(label)
+            self._undo(label)
         return labels
 
     def plan(self, planned: PlannedFault) -> None:
@@ -132,7 +132,7 @@ class FaultPanel:
         if Happened.FAULT in happened:
             self.points.schedule.run()
 
-    def _off(self, label: str) -> None:
+    def _undo(self, label: str) -> None:
         # A fault is undone in the reverse order of its steps; the undo of an expired step has no effect.
         for undo in reversed(self._on.pop(label).undos):
             undo()

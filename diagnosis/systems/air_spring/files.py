@@ -58,7 +58,7 @@ def air_spring_system(parameters: Parameters) -> System:
         simulator=simulator,
         prepare=prepare,
         rest=_at_rest,
-        begin=_begin,
+        begin=_start_gas,
     )
 
 
@@ -141,7 +141,7 @@ def _at_rest(step: float, clock: Array, measured: Mapping[str, Array]) -> NDArra
     return still
 
 
-def _begin(measured: Mapping[str, Array]) -> Mapping[str, float]:
+def _start_gas(measured: Mapping[str, Array]) -> Mapping[str, float]:
     """Return pressures (Pa) and temperatures (K) of the gas at the start of a run: medians of the first measured
     samples.
     """

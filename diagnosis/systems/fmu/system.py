@@ -191,7 +191,7 @@ class _Maker:
 
     def _signal(self, one: Variable) -> SystemSignal:
         unit = self.units.get(one.name, "")
-        shown, scale = self._shown(unit, one.unit.si)
+        shown, scale = self._display_unit(unit, one.unit.si)
         return SystemSignal(
             one.name,
             one.unit.si,
@@ -499,18 +499,18 @@ class _Maker:
             unit, spread, frozenset({"unknown"}),
         )  # fmt: skip
 
-    def _shown(self, unit: str, si: str) -> tuple[str, float]:
+    def _display_unit(self, unit: str, si: str) -> tuple[str, float]:
         """Return a display unit with its factor to SI; ("", 1) if it is for another quantity or has an offset."""
         found = self.known.get(unit)
         right = found is not None and found.si == si and found.zero == 0.0
         return (unit, found.factor) if right and found is not None else ("", 1.0)
 
     def _shown_in(self, text: str, si: str, otherwise: str = "") -> tuple[str, float]:
-        """Return the unit of a quantity in the map with its factor, as `_shown` does. For a percentage the unit
+        """Return the unit of a quantity in the map with its factor, as `_display_unit` does. For a percentage the unit
         ``otherwise`` is used.
         """
         unit = text.strip().partition(" ")[2].strip()
-        return self._shown(unit if unit in self.known and self.known[unit].si == si else otherwise, si)
+        return self._display_unit(unit if unit in self.known and self.known[unit].si == si else otherwise, si)
 
 
 def _stairs(one: Variable) -> bool:

@@ -125,7 +125,7 @@ class Message:
             return bytes(self.coding.encode(signals, strict=False))
         data = bytes(self.coding.encode({**signals, self.keys.checksum["signal"]: 0}, strict=False))
         bare = int.from_bytes(data, "big") & ~self.checksum_mask
-        return (bare | self._place(self.checksum(self.identifier, data))).to_bytes(len(data), "big")
+        return (bare | self._checksum_bits(self.checksum(self.identifier, data))).to_bytes(len(data), "big")
 
     def sound(self, data: bytes) -> bool:
         """Return whether the checksum of a received frame is correct; False if the frame ends before it."""
@@ -137,9 +137,9 @@ class Message:
             return False
         bits = int.from_bytes(data, "big")
         bare = (bits & ~mask).to_bytes(len(data), "big")
-        return bits & mask == _shifted(self._place(self.checksum(self.identifier, bare)), more)
+        return bits & mask == _shifted(self._checksum_bits(self.checksum(self.identifier, bare)), more)
 
-    def _place(self, checksum: int) -> int:
+    def _checksum_bits(self, checksum: int) -> int:
         """Return a frame, as an integer, that has ``checksum`` in its place and 0 in all other bits."""
         bits = self._placed.get(checksum)
         if bits is None:

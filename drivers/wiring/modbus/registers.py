@@ -295,7 +295,7 @@ def _check_overlaps(where: str, points: Iterable[RegisterPoint]) -> None:
                 continue
             what = "coil" if point.table == "coil" else "input" if point.table == "discrete" else "register"
             raise WiringError(
-                f"{where}: {point.name} ({_place(point)}) and {other.name} ({_place(other)}) share a "
+                f"{where}: {point.name} ({_address_text(point)}) and {other.name} ({_address_text(other)}) share a "
                 f"{what}; correct one address, or remove one point (several signals may use the same "
                 "point)"
             )
@@ -308,7 +308,7 @@ def _compatible(one: RegisterPoint, other: RegisterPoint) -> bool:
     return (one.in_word or other.in_word) and words <= {"int16", "uint16"}
 
 
-def _place(point: RegisterPoint) -> str:
+def _address_text(point: RegisterPoint) -> str:
     if point.in_word:
         last = f" to {point.bit + point.bits - 1}" if point.bits > 1 else ""
         return f"bit {point.bit}{last} of {point.table} {point.address}"

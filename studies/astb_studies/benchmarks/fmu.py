@@ -58,7 +58,7 @@ class Opened:
         return driven
 
 
-def _made(folder: Path) -> dict[str, Path]:
+def _make_fmus(folder: Path) -> dict[str, Path]:
     """Return the FMUs; Skipped without a C compiler."""
     made = {}
     try:
@@ -81,7 +81,7 @@ def _made(folder: Path) -> dict[str, Path]:
 def run(effort: Effort) -> Section:
     """Measure all of them in turn."""
     with tempfile.TemporaryDirectory() as text:
-        fmus: dict[str, Any] = {name: Opened(path) for name, path in _made(Path(text)).items()}
+        fmus: dict[str, Any] = {name: Opened(path) for name, path in _make_fmus(Path(text)).items()}
         plant = Plant.at_rest(load().record)
         ticks = round(SPAN / TICK)
 

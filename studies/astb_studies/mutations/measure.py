@@ -100,10 +100,10 @@ def drawn_values(plan: str, index: int) -> dict[str, str]:
     if not drawn:
         return {}
     places = qmc.Halton(len(drawn), seed=0).fast_forward(index).random(1)[0]
-    return {one.name: _at(one, float(place)) for one, place in zip(drawn, places, strict=True)}
+    return {one.name: _value_text(one, float(place)) for one, place in zip(drawn, places, strict=True)}
 
 
-def _at(one: Parameter, place: float) -> str:
+def _value_text(one: Parameter, place: float) -> str:
     """Return the value of a parameter at a ``place`` from 0 to 1, as text."""
     if one.range is None:
         return one.choices[int(place * len(one.choices))]

@@ -25,8 +25,8 @@ NOTHING, OPEN, SHAPE = "no effect", "unresolved", "unknown"
 def confusion(path: Path, judged: Sequence[Judged]) -> None:
     """Hidden effects (rows; for the bench, families of causes) against the findings (columns)."""
     single = [j for j in judged if len(j.hidden) <= 1]
-    rows = sorted({_one(j.hidden) for j in single}, key=lambda name: (name == NOTHING, name))
-    content = {name: [_named_cause(j) for j in single if _one(j.hidden) == name] for name in rows}
+    rows = sorted({_family(j.hidden) for j in single}, key=lambda name: (name == NOTHING, name))
+    content = {name: [_named_cause(j) for j in single if _family(j.hidden) == name] for name in rows}
     extra = sorted({word for words in content.values() for word in words} - {*rows, NOTHING, OPEN, SHAPE})
     columns = [*(row for row in rows if row != NOTHING), *extra, OPEN, SHAPE, NOTHING]
     shares = np.zeros((len(rows), len(columns)))
@@ -131,7 +131,7 @@ def reliability(path: Path, judged: Sequence[Judged]) -> None:
         save(figure, path)
 
 
-def _one(names: Sequence[str]) -> str:
+def _family(names: Sequence[str]) -> str:
     return names[0].partition(".")[0] if names else NOTHING
 
 
@@ -139,9 +139,9 @@ def _named_cause(judged: Judged) -> str:
     """The first cause, the right one if it is among them; else the verdict."""
     for name in judged.causes:
         if name in judged.hidden:
-            return _one([name])
+            return _family([name])
     if judged.causes:
-        return _one(judged.causes)
+        return _family(judged.causes)
     return judged.verdict
 
 

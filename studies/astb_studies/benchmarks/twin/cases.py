@@ -124,7 +124,7 @@ def harder(count: int, seed: int) -> Iterator[Case]:
     )
     for k, case in enumerate(islice(ones, count)):
         if k % 3 == 0:
-            other = next(one for one in others if _apart(case.effect, one.effect))
+            other = next(one for one in others if _are_distinct(case.effect, one.effect))
             later = round(case.at + float(rng.uniform(*_BETWEEN)), 1)
             yield replace(case, second=other.effect, second_size=other.size, second_at=later)
         elif k % 3 == 1:
@@ -137,7 +137,7 @@ def harder(count: int, seed: int) -> Iterator[Case]:
             yield replace(case, seed=fit, sibling=True)
 
 
-def _apart(name: str, other: str) -> bool:
+def _are_distinct(name: str, other: str) -> bool:
     """Return whether two effects are of different families and do not imitate each other."""
     (one, _), (two, _) = find_effect(name), find_effect(other)
     return one.family != two.family and one.name not in two.confusers and two.name not in one.confusers

@@ -37,7 +37,7 @@ def count_live(case: Case) -> Counted:
         place = Path(folder) / case.plan
         seen: list[tuple[float, float, float]] = []
         with child(sys.executable, "-m", "astb", *command, *values) as test:
-            late = lateness_during(modbus, lambda: seen.append(_when(test, place, shifted.at)))
+            late = lateness_during(modbus, lambda: seen.append(_detection_times(test, place, shifted.at)))
         record, story = read(place), read_twin(place)
         assert story is not None, "no twin has said anything"
         at = round(shifted.at - _ahead(record), 2)
@@ -48,7 +48,7 @@ def count_live(case: Case) -> Counted:
         return Counted(case, round(story.judged_for, 1), shortened(story, case), None, live)
 
 
-def _when(test: Any, directory: Path, at: float) -> tuple[float, float, float]:
+def _detection_times(test: Any, directory: Path, at: float) -> tuple[float, float, float]:
     """Follow a run to its end; return the times of detection, of its explanation, and of the start of the record.
 
     Detections before the start of the effect, ``at`` s of the rig's time, do not count.

@@ -34,13 +34,13 @@ SUBJECTS: Final = (
 )
 
 
-def _place(check: ClaimCheck) -> tuple[bool, int, bool]:
+def _sort_key(check: ClaimCheck) -> tuple[bool, int, bool]:
     return check.id[0] != "T", int(check.id[1:]), check.layer == "paper"
 
 
 #: The order of every list of checks.
 CHECKS: Final[tuple[ClaimCheck, ...]] = tuple(
-    sorted((check for claim in CLAIMS for check in claim.checks.values()), key=_place)
+    sorted((check for claim in CLAIMS for check in claim.checks.values()), key=_sort_key)
 )
 
 

@@ -32,7 +32,7 @@ def evaluate_all(
     """
     places = select(ids)
     changed = subject or Subject()
-    parts = _parts(places)
+    parts = _groups(places)
     arguments = dict(changed.plant), dict(changed.paper), dict(changed.car), quick or changed.quick
     entries: dict[int, dict[str, Any]] = {}
 
@@ -66,7 +66,7 @@ def to_json(entries: Sequence[dict[str, Any]], path: Path) -> None:
     )
 
 
-def _parts(places: Sequence[int]) -> list[list[int]]:
+def _groups(places: Sequence[int]) -> list[list[int]]:
     """Group the checks that share experiments, so that one process measures them once; the longest come first."""
     groups: dict[str, list[int]] = {}
     for place in places:

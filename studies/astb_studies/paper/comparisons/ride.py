@@ -19,7 +19,11 @@ def comfort(study: Study) -> BenchOutcome:
     """Compare rides of a car on the bench's springs with rides on the plant's springs."""
     plant = entry_of(study, "T11", "plant")
     shakes, index = (
-        {(load, wind): _of(study, ride_name(load, wind), check) for load in LOADS for wind in RIDE_WINDS}
+        {
+            (load, wind): _ride_result(study, ride_name(load, wind), check)
+            for load in LOADS
+            for wind in RIDE_WINDS
+        }
         for check in (SHAKES, COMFORT)
     )
     weak, strong = RIDE_WINDS
@@ -47,7 +51,7 @@ def comfort(study: Study) -> BenchOutcome:
     )
 
 
-def _of(study: Study, name: str, check: str) -> float:
+def _ride_result(study: Study, name: str, check: str) -> float:
     """Return the result of a ride for a check (SI); NaN if the ride was too short."""
     values = (one.value for one in study.bench.rides[name].checks if one.name == check)
     return next((value for value in values if value is not None), nan)

@@ -35,12 +35,12 @@ class Shake:
 
     def place_at(self, ahead: float) -> SpringPose:
         """Return the place of the springs ``ahead`` s from now, predicted from speed and acceleration as for a car."""
-        before, now, after = (np.array(self._place(self.time + way * STEP)) for way in (-1, 0, 1))
+        before, now, after = (np.array(self._position(self.time + way * STEP)) for way in (-1, 0, 1))
         speed, acceleration = (after - before) / (2.0 * STEP), (after - 2.0 * now + before) / STEP**2
         return SpringPose(*(now + ahead * speed + 0.5 * ahead**2 * acceleration).tolist())
 
     @staticmethod
-    def _place(time: float) -> list[float]:
+    def _position(time: float) -> list[float]:
         way, t = divmod(min(max(time, 0.0), LASTS), EACH)
         share = min(t / RISES, 1.0) * exp(-t / FADES) * (1.0 - t / EACH)
         moved = share * sin(2.0 * pi * FREQUENCY * t)
