@@ -206,8 +206,9 @@ def with_roles(dataset: Dataset) -> Dataset:
     """Return the dataset with a role for each run. Of each screening, one run selects the model ("select"), one
     validates it ("report"), and the others are fitted ("fit").
 
-    Runs of other plans are fitted. The two runs that are not fitted have different loads and stretches, so that the fit
-    includes every load, and every stretch under at least one load.
+    Runs of other plans are fitted. In a complete screening, the two runs that are not fitted have different loads and
+    stretches, so that the fit includes every load, and every stretch under at least one load. With few runs, only one
+    ("report") or none is not fitted.
     """
     screenings: dict[str, list[str]] = {}
     for run in dataset.runs:

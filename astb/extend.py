@@ -39,7 +39,10 @@ def write_extended(path: Path, finding: Finding, based_on: str) -> None:
 
 
 def changes_of(values: Mapping[str, float], parameters: Parameters) -> dict[str, Any]:
-    """Return fitted values in the form of a parameter set: one value for each side, and the offsets by sensor."""
+    """Return fitted values in the form of a parameter set: one value for each side, and the offsets by sensor.
+
+    The fitted drags of sensors are left out.
+    """
     changes: dict[str, Any] = {}
     for name, value in values.items():
         side, _, quantity = name.partition(".")

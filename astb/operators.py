@@ -165,8 +165,9 @@ def read_answers(path: Path) -> Script:
 
 
 def operator_for(answers: str | None, console: Console) -> Operator:
-    """Return the operator: the file ``answers``, the standard input for ``-``, a panel for ``@panel``, else a terminal.
+    """Return the operator: the file ``answers``, the standard input for ``-``, or a panel for ``@panel``.
 
+    Without ``answers``, the operator is at the terminal. If there is no terminal, no question is answered.
     Raises AnswersFileError like `read_answers`.
     """
     if answers == PANEL:

@@ -80,7 +80,9 @@ class Piece:
         return bool(today and self.holds_until and today > self.holds_until)
 
     def trouble(self, today: date | None) -> str:
-        """Return the reason why the calibration is not valid ``today``; "" if it is valid, or if ``today`` is None."""
+        """Return the reason why the calibration is not valid ``today``; "" if it is valid. Without a date (None) only
+        the certificate is checked.
+        """
         piece = f"{self.signal} ({self.instrument.type}, no. {self.serial_number})"
         if not self.certificate:
             return f"{piece} has no certificate of calibration"

@@ -334,7 +334,7 @@ class Run:
         deed: str = "",
         checks: Iterable[str] = (),
     ) -> str:
-        """Ask the operator, and return the answer. If there is no operator, return "" and record ``checks`` as *not
+        """Ask the operator, and return the answer. If no one answers in time, return "" and record ``checks`` as *not
         available*.
 
         The bench is commanded and monitored during the wait. ``within`` (s) limits the wait. ``deed`` names the action

@@ -81,7 +81,7 @@ def reason_of(row: Row) -> str:
 
 
 def failures_first(rows: Iterable[Row]) -> list[Row]:
-    """Return rows sorted by verdict, then by the number of failed checks."""
+    """Return rows sorted by verdict, the worst first, then by the number of failed checks, the most first."""
 
     def place(row: Row) -> tuple[int, int]:
         failed = sum(one["verdict"] == "fail" for one in row.get("checks") or ())

@@ -353,7 +353,7 @@ def _choice_text(name: str, value: float) -> str:
 
 
 def first_out(readings: Readings) -> str:
-    """Return the limit that tripped first since the last reset, as text."""
+    """Return the limit that tripped first since the last reset, as text; "" if there is none."""
     tripped = TABLE.tripped(readings.glimpse("rig.tripped"))
     if tripped is None:
         return ""

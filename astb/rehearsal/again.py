@@ -157,7 +157,9 @@ def plan_of(record: Record) -> "Plan":
 
 def deviating_signals(before: Record, now: Record, at: float) -> list[SignalDeviation]:
     """Return the measurements of the repeated run that deviate from the record after ``at`` s, the earliest first.
-    Raises RecordError if they deviate earlier, because then the rig is not the same.
+
+    Only the first six are returned. Raises RecordError if a signal deviates before ``at``, because then the rig is not
+    the same.
     """
     found = []
     for name in sorted(set(before.signals) & set(now.signals)):

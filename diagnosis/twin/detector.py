@@ -93,7 +93,9 @@ def _means(white: NDArray[np.float64]) -> Array:
 
 
 def likelihood_ratios(white: NDArray[np.float64]) -> Array:
-    """Return log L (b, c, a) of blocks (b, c, n) for each of the a alternatives; 0 if a channel has no reading."""
+    """Return log L (b, c, a) of blocks (b, c, n) for each of the a alternatives, at most `MOST`; 0 if a channel has no
+    reading.
+    """
     there = np.isfinite(white)
     count = there.sum(axis=2)
     mean = _means(white)

@@ -85,8 +85,8 @@ class Estimate(NamedTuple):
         return cls(np.zeros(len(parameters)), np.eye(len(parameters)))
 
     def at_a_start(self, parameters: Sequence[Nuisance], rates: Mapping[str, float]) -> Estimate:
-        """Return the estimate for the start of another stretch. Parameters of springs and sensors are kept, those of
-        the gas are reset.
+        """Return the estimate for the start of another stretch. Parameters of springs and sensors are kept. Those of a
+        single stretch are reset, such as the gas and the state of the friction.
 
         ``rates`` (K/s) are the rates of the thermometers of the chambers at the start.
         """
@@ -219,9 +219,10 @@ def _from_one_to_the_next(values: Array) -> float:
 
 def friction_goes_on(place: Array, travel: float) -> tuple[Array, Array, Array]:
     """Return three series (n,): the additional friction on a path ``place`` (n,) due to earlier motions, as shares of
-    the friction limit.
+    the friction limit, per unit of the unknown factors.
 
-    The shares are −(u₀ − 1) x₂/(x₂ + x), ∓(D/x₂ − 1) x₂ x/(x₂ + x)² (sign of the first motion), and 1 after a reversal.
+    The series are x₂/(x₂ + x) with the factor −(u₀ − 1), ± x₂ x/(x₂ + x)² (sign of the first motion) with the factor
+    −(D/x₂ − 1), and 1 after a reversal. x is the largest distance from the start so far; x₂ is ``travel`` (m).
     """
     way = place - place[0]
     away = np.maximum.accumulate(np.abs(way))
@@ -301,7 +302,7 @@ def _wrongly_driven(experiment: Experiment, par: Any) -> Iterator[Experiment]:
     """Yield the experiment with two errors of its input motion, one after the other.
 
     First: the shear, computed with arms that are wrong by the share `FORM` (`diagnosis.systems.motion.sheared`).
-    Second: an accelerometer with a gain that is wrong by the same share.
+    Second, if there is an accelerometer: its gain is wrong by the same share.
     """
     inputs = experiment.inputs
     left, right = inputs["left.height"], inputs["right.height"]

@@ -35,7 +35,7 @@ class Replays:
     ) -> Iterator[Array | None]:
         """Yield for each cause its effect (n, c) from bin ``onset`` on, per unit of its size.
 
-        None for a cause that is impossible or has size 0.
+        None for a cause of size 0, and for one with which the simulation fails.
         """
         first = onset * self._bins.size
         experiment = self._experiment_from(first)

@@ -68,7 +68,8 @@ def first_harmonic(times: Samples, values: Samples, frequency: float) -> complex
     """Return the complex amplitude of ``values`` at ``frequency`` (Hz): least squares on 1, t, cos ωt and sin ωt.
 
     The column t removes a slow drift (cooling gas), which would falsify a plain Fourier coefficient. ``times`` (s) and
-    ``values`` have the shape (n,). Raises NotMeasured for gaps (NaN), or if there is less than one whole cycle.
+    ``values`` have the shape (n,). Raises NotMeasured for gaps (NaN), for too few samples, and for less than one whole
+    cycle.
     """
     if times.shape != values.shape or times.ndim != 1:
         raise NotMeasured(

@@ -123,7 +123,7 @@ def excitation(
 ) -> tuple[Samples, dict[str, Samples], tuple[float, float]]:
     """Return times (s), the part of each set-point (SI) due to wind and track, and start and end (s) of the track.
 
-    The wind rises within 4 s, stays constant, and falls again. During the constant part the platform follows equation
+    The wind rises within 4 s, has its full strength, and falls again. At full strength the platform follows equation
     (24) of the paper, z = a (1 − cos ωt)/2, upward and sideways.
     """
     cycles = ceil(TRACK_LASTS * frequency)

@@ -169,7 +169,9 @@ def stochastic_crosswind(
 def _swings(
     calm: npt.NDArray[np.bool_], steady: npt.NDArray[np.bool_], rig: Rig, values: Values
 ) -> tuple[float, float, float]:
-    """Return the rms of the displacement (m), its 99th percentile (m), and the rms of the pressures (Pa)."""
+    """Return the rms of the displacement about its mean (m), the 99th percentile of its magnitude (m), and the rms of
+    the pressure that varies most (Pa).
+    """
     y = shear_of(values, rig) - values["platform.lateral"]
     y = (y - y[calm].mean())[steady]
     swing = float(np.max([values[name][steady].std() for name in PRESSURES]))  # NaN if one is

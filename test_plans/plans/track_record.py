@@ -100,7 +100,8 @@ def excitation(
 ) -> tuple[Samples, dict[str, Samples]]:
     """Return times (s), and the part of each set-point (SI) due to track and steady crosswind.
 
-    All parts rise and fade within 4 s. They are complete for the ``duration`` (s) in between.
+    All parts rise and fade within 4 s. They are complete for the ``duration`` (s) in between. Raises NoTrack for a
+    record that is too short.
     """
     count = round((duration + 2 * RISE) / STEP)
     times = np.linspace(0.0, count * STEP, count + 1)

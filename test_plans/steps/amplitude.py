@@ -144,7 +144,9 @@ class Followed(NamedTuple):
     by_command: Spectra
 
     def octaves(self) -> dict[tuple[float, float], complex]:
-        """Return by octave of the track (from, to; Hz) the complex ratio of the reached motion to the target motion."""
+        """Return by octave of the track (from, to; Hz) the complex ratio of the reached motion to the target motion.
+        Octaves in which the track hardly moves are left out.
+        """
         highest = float(self.by_track.frequency[-1])
         count = int(np.log2(_FASTEST * highest / _SLOWEST))
         bands = [(_SLOWEST * 2**k, _SLOWEST * 2 ** (k + 1)) for k in range(count)]

@@ -157,8 +157,10 @@ def stiffness_of_side(times: Samples, rig: Rig, values: Values, frequency: float
 
 
 def lateral_stiffness(times: Samples, rig: Rig, values: Values, frequency: float) -> Stiffness:
-    """Return the complex lateral stiffness per spring (half of that of the pair), corrected for the compliance of frame
-    and bolster.
+    """Return the complex lateral stiffness per spring (half of that of the pair).
+
+    The motion is that of the springs' top plates. It includes the roll of the bolster, and is corrected for the
+    compliance of the frame; from `SEISMIC` on, it comes from the accelerometer.
     """
 
     def of(name: str) -> complex:
