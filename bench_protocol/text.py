@@ -24,7 +24,8 @@ class Unfit(ValueError):
 
 
 def decode(content: bytes, encoding: str = "") -> tuple[str, str]:
-    """Return the text of a file without its mark, and the name of its encoding: ``encoding``, if given.
+    """Return the text of a file without its byte order mark, and the name of its encoding. If ``encoding`` is given, it
+    is used.
 
     Without a mark the text is UTF-16 if every second byte of Latin letters is 0. Otherwise it is UTF-8 if valid, or
     else cp1252. Raises Unfit, to follow the file's name, for an unknown encoding and for content that is not text.

@@ -23,7 +23,9 @@ _copy: Final = external("memcpy", ADDRESS, ADDRESS, ADDRESS, ADDRESS)
 
 @inlined
 def send_all(descriptor: int, address: int, size: int, work: Any) -> int:
-    """Send ``size`` bytes, waiting for room if need be; return 0 or the number of the error."""
+    """Send ``size`` bytes from ``address``, waiting for room for a bounded time; return 0 or an errno. ``work`` is
+    working memory.
+    """
     if descriptor < 0:
         return _EBADF
     deadline = now(work) + _PATIENCE
