@@ -25,7 +25,7 @@ class Axis(msgspec.Struct, frozen=True):
 class Curve(msgspec.Struct, frozen=True, kw_only=True):
     """A named series y over x, in SI. A ``loop`` connects all points, and a ``sweep`` is a table of few points.
 
-    Curves of one ``group`` share a plot. Sweeps of a group also share a table.
+    Curves of one ``group`` share a plot. Sweeps with the same x also share a table.
     """
 
     name: str

@@ -91,8 +91,8 @@ class RecordedEvent(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Phase(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A named part of the run, in seconds since the start of the record. Phases of level 0 are set-up, main and tear-
-    down.
+    """A named part of the run, in seconds since the start of the record. Phases of level 0 are set-up, main and
+    tear-down.
     """
 
     name: str

@@ -419,7 +419,9 @@ def notable(checks: list[Check]) -> list[tuple[str, list[CheckRow], int]]:
 
 
 def least_sure(checks: list[Check]) -> str:
-    """Return a sentence on the check with the lowest probability of conformity, or "" if not all checks pass."""
+    """Return a sentence on the check with the lowest probability of conformity, or "" if a check is marginal or did not
+    pass, or if no probability is known.
+    """
     known = [(one.conformity, one) for one in checks if one.conformity is not None]
     if not known or any(one.verdict is not CheckVerdict.PASS for one in checks):
         return ""

@@ -198,7 +198,9 @@ def _from_stamps(ns: Any, there: Any, zoned: bool, keys: FileKeys, account: Acco
 
 
 def _in_utc(ns: Any, zone: str, where: str) -> Any:
-    """Return local times (ns) in UTC. In the hour that is repeated in autumn, the order of the rows decides."""
+    """Return local times (ns) in UTC. In the hour that is repeated in autumn, the order of the rows decides, or else it
+    is summer time.
+    """
     import pandas as pd
 
     local = pd.DatetimeIndex(ns)

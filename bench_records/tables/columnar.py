@@ -116,7 +116,9 @@ def _pairs(head: bytes, place: int) -> Iterator[tuple[int, int]]:
 
 
 def _index(table: pa.Table, columns: list[Column]) -> int | None:
-    """Return the index of the column of times that was the index of a pandas frame, or None if there is none."""
+    """Return the index of the column of times that was the index of a pandas frame, or None unless there is exactly
+    one.
+    """
     try:
         pandas_facts = json.loads((table.schema.metadata or {}).get(b"pandas", b"{}"))
         named = [one for one in pandas_facts.get("index_columns", []) if isinstance(one, str)]
