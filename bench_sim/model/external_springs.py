@@ -256,7 +256,9 @@ def feed_inputs(e: Any, x: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
 
 @compiled
 def let_air_in(e: Any, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
-    """Add the air flow through the bench's valves to the derivatives ``dx`` of the auxiliary chambers."""
+    """Switch the bench's valves, and add their air flow to the derivatives ``dx`` of the auxiliary chambers. Without an
+    input for it, do nothing.
+    """
     if e.numbers[Slot.VALVES] == 0:
         return
     for i in range(2):

@@ -23,7 +23,7 @@ from bench_sim.model.orifice import mass_flow, nozzle_function
 
 @compiled
 def loss(flow: float, laminar: float, k: float) -> float:
-    """Return Δp_loss of the orifice in Pa: ``k`` G², or ``laminar`` · G if that is larger."""
+    """Return Δp_loss of the orifice in Pa: ``k`` G|G|, or ``laminar`` · G if that is larger."""
     return flow * max(laminar, k * abs(flow))
 
 

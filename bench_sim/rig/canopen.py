@@ -119,7 +119,9 @@ class CanopenNode:
         return mine & (block["id"] <= STANDARD_ID_MAX)
 
     def receive(self, block: Block, peer: str) -> Block:
-        """Handle the frames of ``peer`` that are for the node, and return the others."""
+        """Handle the frames of ``peer`` that are for the node, and return the others. If the node is not operational,
+        only requests for the lease are returned, and the rest is counted as refused.
+        """
         self.objects.peer = peer
         mine = self._for_node(block)
         own, block = block[mine], block[~mine]

@@ -1,5 +1,5 @@
-"""Applies CAN commands to the controls of the tick: it accepts only the commander, and sets the goals of the set-
-points.
+"""Applies CAN commands to the controls of the tick: it accepts only the commander, and sets the goals of the
+set-points.
 
 Refused frames are counted. All functions are compiled and work on arrays, with one block of frames from one sender at
 a time.

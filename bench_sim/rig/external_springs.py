@@ -67,7 +67,9 @@ _step_3: Final = at_address(WORD, NUMBER, NUMBER, INT, WORD, WORD, WORD, WORD)
 
 @compiled
 def _values(e: Any, k: int, which: int, references: int, count: int, values: int) -> int:
-    """Set or get the real variables of instance ``k``, and return the status. The last arguments are addresses."""
+    """Set or get the real variables of instance ``k``, and return the status. ``references`` and ``values`` are
+    addresses.
+    """
     one = e.instances
     if count == 0:
         return 0
@@ -222,8 +224,8 @@ def _exchange(e: Any) -> None:
 def step_around(
     e: Any, x: Any, mem: Any, u: Any, par: Any, dt: float, work: Any, out: Any, values: Any
 ) -> bool:
-    """Take a step like `bench_sim.model.kernel.step`, with external springs. After a failure return False; then only
-    the time advances.
+    """Take a step like `bench_sim.model.kernel.step`, with external springs. After a failure return False; in later
+    steps only the time advances.
     """
     n = e.numbers
     if n[Slot.FAILED] != 0:

@@ -58,8 +58,8 @@ class InForce:
         return True
 
     def rest(self, *, vented: bool) -> None:
-        """Set active and staged settings to their defaults. Settings that would move air change only with
-        ``vented``.
+        """Set active and staged settings to their defaults. Settings that would move air change only with ``vented``.
+        The set-points of the actuators become their present readings. With ``vented`` the program is removed.
         """
         registers, c = self._registers, self._controls
         registers.active.update(
@@ -81,7 +81,9 @@ class InForce:
         c["slew"][target] = 0
 
     def engage(self) -> None:
-        """Engage the actuators at their present position. A set-point that has already arrived becomes the goal."""
+        """Engage the actuators at their present position. An actuator moves on to its set-point only if this has been
+        received but not yet reached; the others stay.
+        """
         c = self._controls
         for target in _ACTUATORS:
             if c["slew"][target]:
@@ -108,7 +110,9 @@ class InForce:
         )
 
     def _present(self, target: Target) -> float:
-        """Return the set-point, without the generator's offset, at which an actuator keeps its present reading."""
+        """Return the set-point, without the generator's offset, at which an actuator keeps its present reading; 0
+        without a reading.
+        """
         measured = self._measured(target)
         return 0.0 if np.isnan(measured) else measured - float(self._controls["offset"][target])
 

@@ -33,8 +33,8 @@ class Limit:
 
     ``at`` is the limit of a quantity that depends on ``kind``. UPPER and LOWER: the reading, extrapolated by ``lead``.
     ERROR: the difference between reading and set-point. RATE: the rate of change per s. TIMEOUT: the time (s) without
-    a reading. With ``within``, it is also the time for which the reading is farther than this from a constant set-
-    point. COUNT: how often the reading has risen above ``level``.
+    a reading. With ``within``, it is also the time for which the reading is farther than this from a constant
+    set-point. COUNT: how often the reading has risen above ``level``.
     """
 
     signal: str

@@ -222,7 +222,9 @@ class Rig:
             return modbus.answer(request, self.registers.seen_by(peer))
 
     def peer_lost(self, peer: str) -> None:
-        """Handle a closed connection. If it was that of the commander, the bench holds at once."""
+        """Handle a closed connection, and discard its staged settings. If it was that of the commander, the bench holds
+        at once.
+        """
         with self.lock:
             self.registers.drop_staged(peer)
             self.lease.peer_lost(peer)

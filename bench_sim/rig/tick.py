@@ -334,7 +334,9 @@ def _read_sensors(
 
 @compiled
 def _store_and_check(c: Any, sampling: Sampling) -> int:
-    """Store the new readings of the sensors as signals. Return the events of limits and black box."""
+    """Store the new readings of the sensors as signals, and decide from them whether the actuators are held. Return the
+    events of limits and black box.
+    """
     for k in range(SENSORS):
         sampling.values[k] = sampling.readings[k]
     keep_grip(c, sampling.values)
@@ -344,7 +346,9 @@ def _store_and_check(c: Any, sampling: Sampling) -> int:
 
 @compiled
 def _write_frames(c: Any, values: Any, sending: Sending, out: Any, position: int) -> int:
-    """Write the frames of a sampling instant to ``out``. Return the position after the last one."""
+    """Write the frames of a sampling instant to ``out``, and update the signals of tick, program and car. Return the
+    position after the last one.
+    """
     time = c.tick * TICK_NS
     position = _send(values, sending, sending.fast, time, out, position)
     values[_TICK_ROW] = c.tick % TICK_MODULUS

@@ -216,7 +216,7 @@ class TracedReplay:
         return left, right
 
     def _valves(self, inputs: NDArray[np.float64], side: int, rows: int) -> NDArray[np.float64]:
-        """Return the states of the valves of one side in each step (rows, GIVEN)."""
+        """Return the valve openings and the supply pressure (Pa) of one side in each step (rows, GIVEN)."""
         every = np.column_stack(
             (
                 np.clip(inputs[:, Input.LEFT_RESERVOIR_VALVE + side], 0.0, 1.0),
