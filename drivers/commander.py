@@ -96,7 +96,9 @@ class Commander:
         return self.ramp_all({name: to}, rate)
 
     def ramp_all(self, targets: Mapping[str, float], rate: float) -> float:
-        """Start ramps on the same cycle, each with ``rate`` (SI/s); return the longest duration (s)."""
+        """Start ramps on the same cycle, each with ``rate`` (SI/s); return the longest duration (s). Raises ValueError
+        for a rate or a value out of range, Misuse for a set-point without a value.
+        """
         if not (rate > 0 and math.isfinite(rate)):
             raise ValueError(f"rate = {rate:g} per second is not a valid rate; use a positive number")
         rows, ends = self._checked(targets)
@@ -152,7 +154,9 @@ class Commander:
         return Played(int(state["cycle"]), int(state["cycles"]), bool(state["playing"]))
 
     def recall(self, duration: float) -> tuple[str, ...]:
-        """End the waveform and move its set-points back to their start values in ``duration`` s; return their names."""
+        """End the waveform and all ramps, and move the set-points of the waveform back to their start values in
+        ``duration`` s; return their names.
+        """
         count = self._setpoints.waveform[0]["count"]
         rows, starts = self._setpoints.rows[:count], self._setpoints.track[:count, 0]
         names = tuple(self._table.signals[row].name for row in rows)

@@ -188,7 +188,9 @@ class HubBus(can.BusABC):
         return message, False
 
     def _read(self, timeout: float | None) -> None:
-        """Wait for input and store its frames. Raises can.CanOperationError if the server is lost."""
+        """Wait up to ``timeout`` s for input (None: without limit) and store its frames. Raises can.CanOperationError
+        if the server is lost.
+        """
         if self._lost:
             raise can.CanOperationError(self._lost)
         try:

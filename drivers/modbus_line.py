@@ -128,7 +128,9 @@ class SharedClient:
             raise ModbusException("another address")
 
     def lose(self) -> None:
-        """Record that a request got no answer, so that a late answer is not assigned to the next request."""
+        """Prevent that a late answer to the last request is assigned to the next one. A Modbus/TCP connection is
+        closed; on other lines the next request waits for silence.
+        """
         if self._framed:
             self.hang_up()
             return

@@ -132,7 +132,9 @@ class Waveform(Device):
             raise Misuse(f"waveform of {name}: {control} is {mode!r}; it must be {needed!r}")
 
     def _refuse_pace(self, name: str, way: Floats) -> None:
-        """Raise Misuse if ``way`` (SI, one value each cycle) is faster than the rig follows the set-point ``name``."""
+        """Raise Misuse if ``way`` (SI, one value each cycle) is faster than the rig follows the set-point ``name``,
+        NotAvailable if the wiring does not state how fast that is.
+        """
         link, signal = self._link, self._link.table[name]
         pace = link.wiring.capabilities.pace.get(signal.si, math.nan)
         if math.isnan(pace):

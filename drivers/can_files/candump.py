@@ -87,7 +87,9 @@ def read_candump(path: Path, account: Account, kind: Stamps | None = None) -> Fr
 
 
 def _meaning(log: _Log, stamps: np.ndarray) -> Stamps:
-    """Return "absolute" for times, "delta" for time differences. Times only increase; differences also decrease."""
+    """Return "absolute" for times, "delta" for time differences. Times only increase; differences also decrease. Raises
+    CanLogError if this cannot be decided.
+    """
     if len(stamps) < 2 or int(stamps.max()) >= _LARGE:
         return "absolute"
     steps = np.diff(stamps)

@@ -160,14 +160,16 @@ class Player:
             self._time, self._program = None, Program.RUN
 
     def hold(self) -> None:
-        """Freeze the wave at its present phase."""
+        """Freeze the waves at their present phases. Raises Refused if no program runs."""
         with self._lock:
             if self._program is not Program.RUN:
                 raise _refused("hold", "no program runs; start one first")
             self._program = Program.HOLD
 
     def stop(self) -> None:
-        """End the program; its axes return linearly within `RETURN`. If none runs, discard added waves."""
+        """End the program; its axes return linearly within `RETURN`. If none runs, discard added waves. Raises Refused
+        if there are none either.
+        """
         with self._lock:
             if not self.busy:
                 if self._kept:

@@ -79,7 +79,9 @@ class SequenceReader:
         return Greetings(*found)
 
     def _states(self) -> Sequence[str]:
-        """Return the states that the rig can report; all states if the line of ``rig.state`` is invalid."""
+        """Return the states that the rig can report; all states if the line of ``rig.state`` is invalid, none if the
+        rig has no state. Raises WiringError for sequences without a state.
+        """
         source = self._sources.get("rig.state")
         if source is None and "rig.state" not in self._absent:
             return STATES

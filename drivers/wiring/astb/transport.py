@@ -221,7 +221,7 @@ class AstbTransport:
 
     @contextmanager
     def silent(self) -> Iterator[None]:
-        """Stop feeding the watchdog of the PLC inside the block, then rejoin the same lease."""
+        """Stop feeding the watchdog of the PLC inside the block, then rejoin the same lease and feed it again."""
         self.watchdog.stop()
         try:
             yield

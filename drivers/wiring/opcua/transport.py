@@ -410,7 +410,9 @@ class OpcUaTransport(Transport):
         return [] if self._reports is None else self._reports.remarks()
 
     def _in_background(self, values: Mapping[str, float], before: Refusal | None = None) -> Refusal | None:
-        """Write ``values``; return the rejection by the server, None if accepted."""
+        """Write ``values``; return the rejection by the server, None if accepted. A rejection begins with ``before``,
+        the present one.
+        """
         assert self._clock is not None
         try:
             self.write(values)
