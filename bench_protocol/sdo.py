@@ -85,7 +85,7 @@ class _Transfer:
         self.toggle = 0
 
     def accept(self, command: int) -> None:
-        """Check the toggle bit of a segment, and invert it for the next."""
+        """Raise SdoAbort if the toggle bit of a segment is wrong; invert the expected one for the next segment."""
         if command & _TOGGLE != self.toggle:
             raise SdoAbort(AbortCode.TOGGLE)
         self.toggle ^= _TOGGLE

@@ -42,7 +42,9 @@ def _entry(function: Callable[..., Any]) -> Any:
 
 @inlined
 def push(ring: Any, source: Any, first: int, last: int, sender: int) -> None:
-    """Write ``source[first:last]`` to the ring; the caller holds the mutex."""
+    """Write ``source[first:last]`` to the ring; the caller holds the mutex. If the ring is full, the oldest frames are
+    lost.
+    """
     size = ring.frames.size
     for k in range(first, last):
         if ring.counts[_WRITTEN] - ring.counts[_READ] == size:
