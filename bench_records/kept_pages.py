@@ -217,7 +217,7 @@ def _trend_part(place: int, trend: Trend) -> Part:
 
 
 def trend_words(trend: Trend) -> list[str]:
-    """Return sentences on the mean, scatter and drift of the values."""
+    """Return sentences on the requirement and on mean, scatter and drift of the values."""
     last = trend.checks[-1]
     requirement = [f"Requirement {last.requirement}."] if last.requirement else []
     return requirement + _figures(trend, last)
