@@ -136,7 +136,7 @@ class CanopenNode:
         return block[asks]
 
     def decide(self, happened: Happened) -> None:
-        """Handle the timeouts that the tick has detected."""
+        """If the tick reports a due time of the node: handle a missing heartbeat, and send a SYNC that is due."""
         if Happened.NODE not in happened:
             return
         c = self._controls

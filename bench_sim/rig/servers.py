@@ -151,7 +151,7 @@ def _wake(eventfd: int, on_wake: Callable[[], None]) -> None:
 
 
 def _require_loopback(host: str) -> None:
-    """Raise ValueError if other machines can reach ``host``."""
+    """Raise ValueError unless ``host`` is localhost or a loopback address."""
     with contextlib.suppress(ValueError):  # a name, not an address
         if host == "localhost" or ipaddress.ip_address(host).is_loopback:
             return

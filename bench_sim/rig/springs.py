@@ -32,7 +32,7 @@ class ReplacementSprings(Protocol):
         """Return the names of the bench parameters that these springs replace."""
 
     def pressures(self) -> npt.NDArray[np.float64]:
-        """Return the gauge pressures in all chambers in Pa."""
+        """Return the gauge pressures in Pa of all chambers whose pressure these springs give."""
 
     def limit_timeout(self) -> None:
         """Reduce the timeout of a step to the time that clients of a rig in real time allow."""

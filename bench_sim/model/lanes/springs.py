@@ -405,7 +405,7 @@ def _check(springs: Sequence[LaneSpring], count: int, limit: int, what: str) -> 
 
 
 def _integrate(filled: Sequence[LaneSpring], *, joined: bool) -> list[NDArray[np.float64]]:
-    """Return one trace for each lane, of one spring per lane."""
+    """Integrate one spring in each lane, and return their traces."""
     rows = np.array([len(spring.course.valves) for spring in filled])
     step = filled[0].course.step
     w = np.ascontiguousarray(np.column_stack([spring.column for spring in filled])).ravel()

@@ -57,7 +57,7 @@ def power_coefficients(kappa: float) -> NDArray[np.float64]:
 
 @compiled
 def critical_ratio(kappa: float) -> float:
-    """Return the pressure ratio below which a nozzle is choked."""
+    """Return the pressure ratio p₂/p₁ below which a nozzle is choked."""
     return (2.0 / (kappa + 1.0)) ** (kappa / (kappa - 1.0))
 
 

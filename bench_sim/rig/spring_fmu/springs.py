@@ -134,7 +134,7 @@ class SpringFmu:
         )
 
     def pressures(self) -> npt.NDArray[np.float64]:
-        """Return the gauge pressures in all chambers in Pa."""
+        """Return the gauge pressures in Pa of all chambers whose pressure the FMU gives."""
         e = self.arrays
         chambers = (Algebraic.PRESSURE, Algebraic.AUXILIARY_PRESSURE)
         places = [place + side for place in chambers for side in range(SIDES)]
