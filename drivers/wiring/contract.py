@@ -297,7 +297,7 @@ class Transport(ABC):
 
     @abstractmethod
     def connect(self, clock: Clock, lost: OnLost, *, within: float) -> None:
-        """Connect. Raises LinkLost if there is no answer ``within`` s."""
+        """Connect. Raises LinkLost if there is no answer for ``within`` s."""
 
     @abstractmethod
     def subscribe(self, receive: OnPoints) -> None:

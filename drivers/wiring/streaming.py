@@ -86,7 +86,7 @@ class Streaming:
         return None
 
     def _numbers(self, values: Floats, offsets: Mapping[int, float]) -> dict[str, dict[str, float]]:
-        """Return the rig's numbers by point, for each transport."""
+        """Return the rig's numbers by point, for each transport. Set-points without a value are left out."""
         table = self._description.table
         streams: dict[str, dict[str, float]] = {name: {} for name in self._transports}
         for name, target in self._description.setpoints.items():

@@ -80,7 +80,7 @@ class AstbListener:
             self._rows_here[[table.index[name] for name in absent]] = False
 
     def receive(self, block: Block) -> None:
-        """Decode a block of frames in order of arrival."""
+        """Decode a block of frames in order of arrival, and pass on the samples."""
         with self._lock:
             if self._stamps is not None:
                 block = self._stamps.times(block, self._clock)

@@ -57,7 +57,7 @@ class Message:
 
     @property
     def fd(self) -> bool:
-        """Whether the message is a CAN FD frame, if the bus supports them."""
+        """Whether the message is sent as a CAN FD frame, provided that the bus supports CAN FD."""
         return bool(self.coding.is_fd) or self.coding.length > LENGTH_MAX
 
     @property

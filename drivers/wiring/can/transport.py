@@ -183,7 +183,9 @@ class CanTransport(Transport):
 
     @property
     def period(self) -> float:
-        """The longest period (s) of the received points."""
+        """The longest period (s) of the received messages, taken as a third of the time after which they are stale; 0
+        without any.
+        """
         return max(
             (one.stale / 3 for one in self._messages.values() if one.name not in self._ours), default=0.0
         )
