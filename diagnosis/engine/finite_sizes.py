@@ -85,9 +85,10 @@ def plainly(problem: Problem, state: SearchState) -> SearchState:
 
 
 def try_finite_sizes(problem: Problem, state: SearchState, known: Sequence[Trial]) -> tuple[Trial, ...]:
-    """Fit each candidate, started at finite amplitudes, together with a model from `plainly`. Return the trials, best
-    BIC first.
+    """Fit candidates, started at finite amplitudes, together with a model from `plainly`. Return the trials, best BIC
+    first.
 
+    Only the most promising candidates are fitted, at most three.
     Candidates with ``known`` trials have failed a gate before, so their limits are stricter.
     """
     tried_before = {trial.effect for trial in known}

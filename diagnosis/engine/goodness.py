@@ -49,7 +49,7 @@ class Misfit(NamedTuple):
     role: Role
     ratio: float
     p: float
-    kind: str  #: kind of the error; "" if neither a line nor a walk
+    kind: str  #: kind of the error as a phrase; "" if it is white
 
 
 class Line(NamedTuple):
@@ -70,7 +70,7 @@ def misfits(
 ) -> list[Misfit]:
     """Return the channels with an error that their noise ``floors`` (c,) do not explain, the largest first.
 
-    ``errors`` holds for each role the runs with the residuals of a model (n, c).
+    White errors are not included. ``errors`` holds for each role the runs with the residuals of a model (n, c).
     """
     found = [
         one

@@ -17,7 +17,7 @@ from diagnosis.finding import Imitation
 
 
 def contradicted(model: FittedModel) -> list[str]:
-    """Return a sentence for each base parameter of a fitted model that is far from its prior."""
+    """Return a sentence for each base parameter of a fitted model that is far from its prior, for at most three."""
     pairs = zip(model.point.coordinates, model.point.numbers, strict=True)
     far = [(abs(float(u)), c) for c, u in pairs if c.weight and not c.owner and abs(u) > CONTRADICTED_PRIOR]
     sentences = []

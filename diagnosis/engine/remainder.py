@@ -43,7 +43,7 @@ class Remainder:
 
     @property
     def large(self) -> bool:
-        """Whether the remaining error is above the noise."""
+        """Whether the remaining error is clearly above the noise."""
         return self.after > REMAINDER_RATIO
 
     @property

@@ -56,8 +56,10 @@ def swap(problem: Problem, state: SearchState) -> SearchState:
 
 
 def _settled(visited: dict[frozenset[str], SearchState], last: SearchState) -> SearchState:
-    """Return the best of the visited states. The others become its rivals; their BIC differs by the difference in
-    `_criterion`.
+    """Return the best of the visited states.
+
+    The noise of each state is its own. So if a rival of the best state was visited and seems better, its BIC is
+    replaced: it differs from that of the best state by the difference in `_criterion`.
     """
     criteria = {effects: _criterion(state.current.model) for effects, state in visited.items()}
     best = min(

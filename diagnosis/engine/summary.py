@@ -298,8 +298,8 @@ def _error(left: Remainder, found: Finding) -> str:
 
 
 def _shown_by(found: Finding) -> str:
-    """Return the number that shows the causes best: the error of the worst channel, or a parameter that
-    imitates them.
+    """Return a sentence with the number that shows the causes best: the error of the worst channel, or a parameter
+    that imitates them.
     """
     if not found.causes and not found.unknowns:
         return ""
@@ -320,7 +320,9 @@ def _shown_by(found: Finding) -> str:
 
 
 def _in_checks(found: Finding) -> str:
-    """Return the figure of a plan in which tuned and extended model differ most; "" if none differs clearly."""
+    """Return sentences on the figure of a plan in which tuned and extended model differ most; "" if none differs
+    clearly.
+    """
     differing = [one for one in found.checks if one.differs]
     if not differing or not found.models.effects:
         return ""

@@ -67,7 +67,7 @@ def suspects(
 
 def _nearest(found: SearchResult, gap: float) -> list[Trial]:
     """Return the trials of the last step that improve the BIC but failed a gate, best first; ``gap`` limits their BIC
-    above the best one.
+    above the best one. Empty if the model was changed after this step.
     """
     last = found.steps[-1]
     if last.effects != found.model.effects:

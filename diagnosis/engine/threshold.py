@@ -32,7 +32,7 @@ def threshold(cosines: Array, one_sided: Mask, alpha: float, seed: int) -> float
     """Return the limit that the largest of the scores exceeds by chance with the probability ``alpha``.
 
     The scores are normal with unit variances and the correlations ``cosines``. A score that is not ``one_sided`` counts
-    by its size.
+    by its size. The limit is infinite if there are no scores.
     """
     if len(cosines) == 0:
         return float("inf")

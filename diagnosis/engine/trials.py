@@ -75,8 +75,8 @@ def refit(problem: Problem, start: Point, current: CurrentModel, target: float =
 
 
 def fit_trials(problem: Problem, state: SearchState) -> tuple[Trial, ...]:
-    """Fit and test the effects above the threshold of the current model, and their relatives. Return the trials, best
-    BIC first.
+    """Fit and test the effects with the highest scores above the threshold of the current model, and their relatives.
+    Return the trials, best BIC first.
     """
     current = state.current
     wanted = _wanted(problem, current)
@@ -88,6 +88,8 @@ def tried(
     problem: Problem, state: SearchState, starts: Mapping[str, Point], gate: Gate = lambda _model, _there: ""
 ) -> tuple[Trial, ...]:
     """Fit effects from their starts, the most promising first, and test them. Return the trials, best BIC first.
+
+    Predictions are tested in the order of BIC, until one passes. The trials after it have no lpd.
 
     ``gate`` is a further test: from a fitted model and its prediction of the select runs it returns why the model
     fails, or "".

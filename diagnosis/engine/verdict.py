@@ -72,8 +72,8 @@ class Judgement:
 
 
 def judge(problem: Problem, found: SearchResult) -> Judgement:
-    """Test the result of the search with the surfaces of the simulator, remove doubtful effects, and return the
-    verdict.
+    """Test the result of the search with the surfaces of the simulator, and remove doubtful effects. Return the
+    remaining result with its verdict.
     """
     imitable, left = False, list[Dismissed]()
     while True:

@@ -134,7 +134,10 @@ def harmonics(n: int, step: float, frequency: float, order: int) -> Array:
 
 
 def holds(experiment: Experiment) -> list[Hold]:
-    """Return the stretches of at least 5 s in which no input moves by more than 1 % of its range in the run."""
+    """Return the stretches of at least 5 s in which no input moves by more than 1 % of its range in the run.
+
+    The movement is measured within half a second, so that an input may drift slowly.
+    """
     n = experiment.time.size
     still = np.ones(n, dtype=bool)
     window = max(2, round(0.5 / experiment.step))
