@@ -134,7 +134,7 @@ def run_command(
     _listen(bench, stop, until_eof)
     try:
         with (
-            ended_by(partial(_stop_rig, stop)),
+            ended_by(partial(_stop, stop)),
             _captured(capture, live=capture_port is not None) as listener,
         ):
             run_rig(
@@ -216,7 +216,7 @@ def _listen(bench: "Rig", stop: threading.Event, until_eof: bool) -> None:
     signal.signal(signal.SIGUSR2, lambda *_: bench.release_estop())
 
 
-def _stop_rig(stop: threading.Event, by: str) -> None:
+def _stop(stop: threading.Event, by: str) -> None:
     """Stop the rig, and print the cause if the user may not know it."""
     if not stop.is_set() and by in UNAWARES:
         click.echo(f"astb: the rig was ended by {by}", err=True)
