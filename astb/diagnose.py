@@ -288,7 +288,7 @@ def show(finding: Finding, out: Path, console: "Console") -> None:
 
 
 def _checked(finding: Finding) -> list[str]:
-    """Return the results of the data checks without a doubt, one line for all columns with the same result."""
+    """Return the results of those data checks that raise no doubt, one line for all columns with the same result."""
     columns: dict[tuple[str, str], list[str]] = {}
     for row in finding.quality:
         if not row.doubt:

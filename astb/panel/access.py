@@ -140,7 +140,9 @@ class Patience:
         return max(wait, 0.0)
 
     def forgive(self, client: str) -> None:
-        """Delete the tries of a client that has shown the right token."""
+        """Delete the tries of a client that has shown the right token. Of the tries of all together, only one is
+        deleted.
+        """
         self._due.pop(client, None)
         self._due[""] = self._due.get("", 0) - round(_ALL[0] * NS)
 

@@ -15,7 +15,9 @@ HOLD: Final = 30 * s
 
 
 def fill(run: Run) -> None:
-    """Lift the bolster to design height and fill both springs to the pressure of the full car."""
+    """Set the zero of the heights, arm the bench, lift the bolster to design height, and fill both springs to the
+    pressure of the full car.
+    """
     load = run.specimen.load(AW3)
     steps.shim(run, load)
     steps.power_up(run)

@@ -15,7 +15,9 @@ COOL: Final = 20 * s
 
 
 def lift(run: Run) -> None:
-    """Lift the bolster to design height and fill both springs to the pressure of the empty car."""
+    """Set the zero of the heights, arm the bench, lift the bolster to design height, and fill both springs to the
+    pressure of the empty car.
+    """
     load = run.specimen.load(AW0)
     steps.shim(run, load)
     steps.power_up(run)

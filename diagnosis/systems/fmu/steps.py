@@ -44,7 +44,7 @@ def step_doubts(simulator: FmuSimulator, runs: Sequence[MeasuredRun]) -> Iterato
 
 
 def _few(runs: Sequence[MeasuredRun]) -> list[MeasuredRun]:
-    """Return three runs: with the least motion, with a medium motion, and with the largest motion."""
+    """Return at most three runs: with the least motion, with a medium motion, and with the largest motion."""
     moved = sorted(runs, key=lambda one: float(np.nanmax(np.nanstd(one.outputs, axis=0), initial=0.0)))
     return [moved[k] for k in sorted({0, len(moved) // 2, len(moved) - 1})]
 
