@@ -133,10 +133,7 @@ def run_command(
     stop = threading.Event()
     _listen(bench, stop, until_eof)
     try:
-        with (
-            ended_by(partial(_stop, stop)),
-            _captured(capture, live=capture_port is not None) as listener,
-        ):
+        with ended_by(partial(_stop, stop)), _captured(capture, live=capture_port is not None) as listener:
             run_rig(
                 bench,
                 can=can or rig.can.bus,
