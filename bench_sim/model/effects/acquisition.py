@@ -44,7 +44,7 @@ EFFECTS: Final = (
         phenomenon="a delay of the force readings",
         equation=("F_m(t) = F(t − τ)\nF_m: measured force, F: true force (N); t: time, τ: delay (s)"),
         source="queueing in a gateway or on a busy bus",
-        separated_by="large sines up to 12.5 Hz: a delay turns the phase and leaves the amplitude, a lag does both",
+        separated_by="large sines up to 12.5 Hz: a delay changes only the phase, a lag also the amplitude",
     ),
     Effect(
         name="pressure_latency",
@@ -58,7 +58,7 @@ EFFECTS: Final = (
         phenomenon="a delay of the pressure readings",
         equation=("p_m(t) = p(t − τ)\np_m: measured pressure, p: true pressure (Pa); t: time, τ: delay (s)"),
         source="polling period of a fieldbus gateway",
-        separated_by="large sines up to 12.5 Hz: a delay turns the phase and leaves the amplitude, a lag does both",
+        separated_by="large sines up to 12.5 Hz: a delay changes only the phase, a lag also the amplitude",
     ),
     Effect(
         name="displacement_latency",
@@ -119,10 +119,10 @@ EFFECTS: Final = (
         equation=(
             "p_m(t) = p(t − a (t mod T))\n"
             "p_m: measured pressure, p: true pressure (Pa); t: time, T: period (s), t mod T: time since the last "
-            "sample (s); a: hold"
+            "sample (s); a: hold (100 %: constant between samples)"
         ),
         source="a module that converts or polls more rarely than it sends",
-        separated_by="a fast motion sampled at 200 Hz: stairs",
+        separated_by="a fast motion sampled at 200 Hz: the pressures have steps",
     ),
     # Quantisation: force and pressure channels have coarse converters, steps of a share of their range.
     #

@@ -40,10 +40,10 @@ EFFECTS: Final = (
         touches=frozenset({"flow"}),
         confusers=("discharge_reynolds", "auxiliary_volume", "bellows_volume"),
         richer=("discharge_reynolds", "asymmetric_orifice"),
-        phenomenon="another discharge of the orifice",
+        phenomenon="a changed discharge of the orifice",
         equation=("C_d ← (1+e) C_d\nC_d: discharge coefficient; e: change"),
         source="size assumed",
-        separated_by="sine around 1 Hz: frequency of the damping maximum, at two amplitudes",
+        separated_by="sine around 1 Hz, at two amplitudes: maximum damping at another frequency than predicted",
     ),
     # The orifice passes less at small flows.
     #
@@ -62,14 +62,14 @@ EFFECTS: Final = (
         change=adds("orifice_reynolds", "k"),
         touches=frozenset({"flow"}),
         confusers=("discharge", "pipe_inertia"),
-        phenomenon="another discharge of the orifice",
+        phenomenon="a changed discharge of the orifice",
         equation=(
             "C_d = C_d∞/(1 + k/√Re)\n"
             "C_d: discharge coefficient, C_d∞: its value at high Reynolds numbers; Re: Reynolds number of the "
-            "orifice; k: parameter of the table"
+            "orifice; k: coefficient"
         ),
         source="boundary layer of nozzles and short holes (ISO 5167); sizes assumed",
-        separated_by="sine at 1 Hz with amplitudes from 0.5 to 15 mm: f_peak √a",
+        separated_by="sine around 1 Hz, amplitudes a from 0.5 to 15 mm: f√a changes, f: frequency of maximum damping",
     ),
     # Dirt blocks a part of the orifice of one spring.
     #
@@ -89,7 +89,7 @@ EFFECTS: Final = (
         confusers=("discharge", "asymmetric_orifice"),
         equation=("C_d ← (1 − e) C_d on one side\nC_d: discharge coefficient; e: blocked share"),
         source="swarf in the pipe; sizes assumed",
-        separated_by="sine around 1 Hz: the damping of the two springs parts",
+        separated_by="sine around 1 Hz: the damping of the two springs differs",
     ),
     # The orifice passes more in one direction than in the other.
     #
@@ -101,8 +101,8 @@ EFFECTS: Final = (
     Effect(
         name="asymmetric_orifice",
         family="flow",
-        title="orifice with a direction",
-        plain="the orifice lets air through better in one direction",
+        title="orifice with different flow in each direction",
+        plain="the orifice lets air out of the bellows differently than into it",
         amplitude=EffectParameter("asymmetry", "1", "%", 0.01, nominal=0.0, typical=0.08, low=-0.8, high=0.8),
         change=adds("orifice_asymmetry", "asymmetry"),
         touches=frozenset({"flow"}),
@@ -112,7 +112,7 @@ EFFECTS: Final = (
             "C_d: discharge coefficient, with + out of the bellows and − into it; e: asymmetry"
         ),
         source="one edge sharp, one rounded; sizes assumed",
-        separated_by="sine of 10 to 15 mm at 1 to 2 Hz: mean of p_b − p_a, even harmonics",
+        separated_by="sine of 10 to 15 mm at 1 to 2 Hz: mean pressure difference of the chambers, even harmonics",
     ),
     # The air between bellows and auxiliary chamber has inertia that the orifice alone does not show.
     #
@@ -137,7 +137,7 @@ EFFECTS: Final = (
             "p_a: pressure in bellows and auxiliary chamber, Δp_orifice: pressure loss of the orifice (Pa)"
         ),
         source="Berg 1999, Docquier et al. 2007; size assumed",
-        separated_by="small sine from 5 to 12 Hz: p_a swings more than p_b only with inertia",
+        separated_by="small sine from 5 to 12 Hz: the auxiliary pressure oscillates more than the bellows pressure",
     ),
     # The leveling valve opens earlier or later than it should.
     #
@@ -149,7 +149,7 @@ EFFECTS: Final = (
         name="leveling_deadband",
         family="flow",
         title="deadband of the leveling valves",
-        plain="the leveling valves have another deadband",
+        plain="the deadband of the leveling valves differs from the assumed one",
         amplitude=EffectParameter(
             "change", "m", "mm", 1e-3, nominal=0.0, typical=2e-3, low=-3e-3, high=20e-3
         ),
@@ -171,7 +171,7 @@ EFFECTS: Final = (
         name="leveling_delay",
         family="flow",
         title="delay of the leveling valves",
-        plain="the leveling valves act late",
+        plain="the delay of the leveling valves differs from the assumed one",
         amplitude=EffectParameter("time", "s", "s", 1.0, nominal=0.0, typical=1.0, low=-0.9, high=10.0),
         change=adds("leveling_lag", "time"),
         touches=frozenset({"flow", "timing"}),

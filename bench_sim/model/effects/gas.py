@@ -96,7 +96,7 @@ EFFECTS: Final = (
             "k: coefficient (kg/(s·Pa²))"
         ),
         source="compressible Poiseuille flow; Zillen 2021 for a test chamber; sizes assumed",
-        separated_by="holds at pressures a factor of five apart: G grows with p² instead of p",
+        separated_by="holds at pressures a factor of five apart: the mass flow grows with p² instead of p",
         loses_air=True,
     ),
     # Heat passes between gas and walls better or worse than assumed.
@@ -119,7 +119,7 @@ EFFECTS: Final = (
             "hS ← (1+e) hS\nh: heat transfer coefficient (W/(m²·K)); S: area of the walls (m²); e: change"
         ),
         source="published transitions 0.001 to 0.1 Hz (Pelz & Buttenbender 2004); size assumed",
-        separated_by="hold after a step: an exponential of 10 to 20 s that ends; slow sine from 0.003 to 0.1 Hz",
+        separated_by="hold after a step, and slow sine from 0.003 to 0.1 Hz: time constant of 10 to 20 s in the hold",
     ),
     # The bellows at design height holds more or less air than its drawing says.
     #
@@ -137,7 +137,7 @@ EFFECTS: Final = (
         confusers=("auxiliary_volume", "compliance", "discharge"),
         equation=("V_b ← (1+e) V_b\nV_b: volume of the bellows (m³); e: change"),
         source="size assumed",
-        separated_by="fast sine, 10 to 20 Hz: K of the closed bellows gives V_b; same error at AW0 and AW3",
+        separated_by="fast sine, 10 to 20 Hz: the same error of the stiffness at AW0 and AW3",
     ),
     # The auxiliary chamber holds more or less air than its drawing says.
     #
@@ -155,7 +155,7 @@ EFFECTS: Final = (
         confusers=("bellows_volume", "compliance", "discharge"),
         equation=("V_a ← (1+e) V_a\nV_a: volume of the auxiliary chamber (m³); e: change"),
         source="size assumed",
-        separated_by="slow sine, 0.1 Hz: K of both chambers together gives V_a + V_b",
+        separated_by="slow sine, 0.1 Hz: the stiffness of both chambers together differs",
     ),
     # The bellows stretches under pressure: its volume grows with it.
     #
@@ -212,7 +212,7 @@ EFFECTS: Final = (
             "is valid (Pa)"
         ),
         source="Kuzyshyn et al. 2024: 296 cm²/bar measured",
-        separated_by="heights held at constant pressure, at three pressures: F/p_g against p_g",
+        separated_by="heights held at constant pressure, at three pressures: force / gauge pressure is not constant",
     ),
     # The effective area changes with height differently than assumed.
     #
@@ -224,7 +224,7 @@ EFFECTS: Final = (
         name="area_slope",
         family="gas",
         title="slope of the effective area",
-        plain="the effective area changes with height",
+        plain="the effective area changes with height differently than assumed",
         amplitude=EffectParameter("slope", "m", "m", 1.0, nominal=0.0, typical=0.1, low=-0.2, high=0.2),
         change=adds("effective_area_slope", "slope"),
         touches=frozenset({"force", "gas"}),
@@ -235,6 +235,6 @@ EFFECTS: Final = (
             "A_1: slope of the area (m); e: change of the slope (m)"
         ),
         source="EN 13597, isobaric test; size assumed",
-        separated_by="heights held at constant pressure: F/p_g against ζ",
+        separated_by="heights held at constant pressure: another slope of force / gauge pressure over the height",
     ),
 )

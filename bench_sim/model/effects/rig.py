@@ -62,7 +62,7 @@ EFFECTS: Final = (
             "the frame (N/m); c: compliance (m/N)"
         ),
         source="bolted joints, oil column",
-        separated_by="laser across the spring against the transducer in the actuator",
+        separated_by="comparison of the laser across the spring with the transducer of the actuator",
     ),
     # Platen inertia: the load cells also accelerate what lies on them, F_m = F + m a_P, as the platform moves.
     #
@@ -93,7 +93,7 @@ EFFECTS: Final = (
         name="seat_offset",
         family="rig",
         title="seat of a spring off the middle, lengthwise",
-        plain="the seat of the {side} spring stands off the middle, lengthwise",
+        plain="the seat of the {side} spring is off the middle, lengthwise",
         amplitude=EffectParameter(
             "ahead", "m", "mm", 1e-3, nominal=0.0, typical=10e-3, low=-50e-3, high=50e-3
         ),
@@ -107,13 +107,13 @@ EFFECTS: Final = (
             "position of cell k, x_s: offset of the seat, l_x: lever arm of the lateral cells 5 and 6 (m)"
         ),
         source=_STATICS,
-        separated_by="roll, in which one spring carries more and the other less; shear, which only a seat turns",
+        separated_by="roll and shear: in shear, the lateral load cells differ",
     ),
     Effect(
         name="load_offset",
         family="rig",
         title="vertical actuators off the middle, lengthwise",
-        plain="the vertical actuators press off the middle, lengthwise",
+        plain="the vertical actuators are off the middle, lengthwise",
         amplitude=EffectParameter(
             "ahead", "m", "mm", 1e-3, nominal=0.0, typical=10e-3, low=-50e-3, high=50e-3
         ),
@@ -126,7 +126,7 @@ EFFECTS: Final = (
             "position of cell k, x_l: offset of the actuators (m)"
         ),
         source=f"{_STATICS}; a bolster that does not pitch",
-        separated_by="shear: the lateral cells stay equal, as they do not with a seat off the middle",
+        separated_by="roll and shear: in shear, the lateral load cells stay equal",
     ),
     Effect(
         name="soft_support",
@@ -144,7 +144,7 @@ EFFECTS: Final = (
             "for 2 and 3; δ: additional compliance, relative to the other supports"
         ),
         source="least energy of a rigid platform on four elastic supports, of which one is 1 + δ times as compliant",
-        separated_by="loads that differ from corner to corner, as in roll or shear; for the twist, two load cases",
+        separated_by="roll or shear, at two load cases: the error grows with the load",
     ),
     Effect(
         name="twisted_seat",
@@ -161,7 +161,7 @@ EFFECTS: Final = (
             "plane (m)"
         ),
         source=f"{_STATICS}; a rigid platform that is bolted down",
-        separated_by="two load cases: a twist does not grow with the load",
+        separated_by="two load cases: the error does not grow with the load",
     ),
     # Coupling: the spring's roll couples more or less with its lateral force than assumed, K_yφ = (1+e) K_yφ,0.
     Effect(
@@ -180,14 +180,14 @@ EFFECTS: Final = (
             "(m)"
         ),
         source="Facchinetti, Mazzola, Alfi and Bruni 2010: shear and roll of an air spring act on each other",
-        separated_by="lateral sweeps at fixed roll angles: odd in the angle, with a reciprocal moment",
+        separated_by="lateral sweeps at fixed roll angles: the error changes sign with the angle",
     ),
     # Emergency-spring compliance: the rubber stack in series gives way more or less, 1/k = (1+e)/k₀ in both directions.
     Effect(
         name="emergency_compliance",
         family="rig",
         title="emergency springs are softer or harder than assumed",
-        plain="the emergency springs are softer or harder than assumed",
+        plain="the compliance of the emergency springs differs from the assumed one",
         amplitude=EffectParameter("error", "1", "%", 0.01, nominal=0.0, typical=0.3, low=-0.8, high=4.0),
         change=_emergency_compliance,
         touches=frozenset({"force"}),
@@ -198,6 +198,6 @@ EFFECTS: Final = (
             "F_z, F_y: vertical and lateral force, P: preload (N); k₀: assumed stiffness (N/m); e: error"
         ),
         source="layered rubber; static and dynamic stiffness differ by up to a half",
-        separated_by="laser across the spring: the frame's compliance is not seen there; both load cases",
+        separated_by="laser across the spring, at both load cases: it does not measure the frame",
     ),
 )

@@ -98,7 +98,7 @@ EFFECTS: Final = (
         name="maxwell",
         family="rubber",
         title="Maxwell branch of the rubber",
-        plain="the rubber relaxes like a Maxwell branch",
+        plain="the rubber relaxes like a Maxwell branch with a ratio to the shell stiffness",
         amplitude=EffectParameter("ratio", "1", "1", 1.0, nominal=0.0, typical=0.3, low=0.0, high=5.0),
         change=_maxwell,
         shapes=(
@@ -117,7 +117,7 @@ EFFECTS: Final = (
             "bellows, q: deflection of the branch (m); t: time, τ: time constant (s)"
         ),
         source="generalised Maxwell model of filled rubber (Lion & Kardelky 2004); sizes assumed",
-        separated_by="one amplitude at several frequencies, and hold after a step: the loss peaks at 1/(2πτ)",
+        separated_by="one amplitude at several frequencies, hold after a step: maximum loss at 1/(2π · time constant)",
     ),
     # Two relaxations of the rubber that are not in the model's branches.
     #
@@ -128,7 +128,7 @@ EFFECTS: Final = (
         name="maxwell_two",
         family="rubber",
         title="two Maxwell branches of the rubber",
-        plain="the rubber relaxes like two Maxwell branches",
+        plain="the rubber relaxes like two Maxwell branches with a ratio to the shell stiffness",
         amplitude=EffectParameter("ratio", "1", "1", 1.0, nominal=0.0, typical=0.5, low=0.0, high=5.0),
         change=_maxwell_two,
         shapes=(
@@ -151,7 +151,7 @@ EFFECTS: Final = (
             "constants (s)"
         ),
         source="generalised Maxwell model of filled rubber (Lion & Kardelky 2004); sizes assumed",
-        separated_by="one amplitude from 0.05 to 10 Hz: the loss has two peaks; hold after a step",
+        separated_by="one amplitude from 0.05 to 10 Hz, and hold after a step: two maxima of the loss",
     ),
     # Rubber that follows a power law of the frequency: a fractional Kelvin-Voigt element in the shell.
     #
@@ -165,7 +165,7 @@ EFFECTS: Final = (
         name="fractional",
         family="rubber",
         title="fractional Kelvin-Voigt rubber",
-        plain="the rubber is viscoelastic like a fractional Kelvin-Voigt element",
+        plain="the rubber is viscoelastic like a fractional Kelvin-Voigt element with a ratio to the shell stiffness",
         amplitude=EffectParameter("ratio", "1", "1", 1.0, nominal=0.0, typical=0.3, low=0.0, high=5.0),
         change=_fractional,
         shapes=(EffectParameter("order", "1", "1", 1.0, nominal=0.3, typical=0.3, low=0.1, high=0.7),),

@@ -79,7 +79,7 @@ EFFECTS: Final = (
         confusers=("pressure_gain",),
         equation=("F_m = (1+g) F\nF_m: measured force, F: true force (N); g: gain error"),
         source="calibration of a strain-gauge chain",
-        separated_by="a known mass: without a reference it looks like a wrong effective area",
+        separated_by="a known mass: the force differs from its weight",
     ),
     Effect(
         name="pressure_gain",
@@ -92,7 +92,7 @@ EFFECTS: Final = (
         confusers=("force_gain", "area_slope"),
         equation=("p_m = (1+g) p\np_m: measured pressure, p: true pressure (Pa); g: gain error"),
         source="span error of a transmitter",
-        separated_by="a reference gauge or a known mass: without it, it looks like a wrong effective area",
+        separated_by="a reference gauge or a known mass: the pressure differs from the reference",
     ),
     # Sensor offset: a sensor of one spring has a zero error, s_m = s + b.
     #
@@ -167,7 +167,7 @@ EFFECTS: Final = (
             "(s)"
         ),
         source="warming-up and ageing of a transmitter; assumed linear in time",
-        separated_by="a long hold: the force and the auxiliary chamber do not follow; zero vented before and after",
+        separated_by="a long hold, with the zero checked before and after: force and auxiliary pressure do not follow",
     ),
     # Crosstalk: each of the two lateral load cells also measures half of c F_z, so F_y,m = F_y + c F_z.
     Effect(
