@@ -371,9 +371,11 @@ def show(answer: Answer, out: Path | None, console: "Console") -> None:
         console.print(text, soft_wrap=True)
     for doubt in answer.doubts:
         console.print(f"doubtful: {doubt}", style="yellow", soft_wrap=True)
-    title = f"What is known after {answer.after}" if answer.after else "Parameters determined by the records"
+    title = (
+        f"Expected accuracy with {answer.after}" if answer.after else "Parameters determined by the records"
+    )
     table = open_table(
-        title, "parameter", "value", "95 %", "unit", "left", "what it is", whole=("parameter",)
+        title, "parameter", "value", "95 %", "unit", "of prior", "what it is", whole=("parameter",)
     )
     for row in answer.rows:
         digits = max(decimals(row.low, row.high), 0)
@@ -395,8 +397,8 @@ def show(answer: Answer, out: Path | None, console: "Console") -> None:
 
 
 def _table_of_shapes(shapes: Sequence[Shape]) -> "Table":
-    columns = ("spring", "height, mm", "aside, mm", "effective area, m2", "±", "volume, litre", "±")
-    table = open_table("Effective area and volume, where the springs were", *columns)
+    columns = ("spring", "height, mm", "lateral, mm", "effective area, m2", "±", "volume, litre", "±")
+    table = open_table("Effective area and volume in the measured range", *columns)
     for one in shapes:
         area, volume = (max(decimals(0.0, 2.0 * width), 0) for width in (one.area_width, one.volume_width))
         table.add_row(

@@ -35,12 +35,12 @@ class Asked:
 ASKED: Final[Mapping[str, Asked]] = MappingProxyType(
     {
         "effective_area": Asked("effective area at design height", 0.05, True),
-        "effective_area_slope": Asked("effective area by height", 0.5, True),
+        "effective_area_slope": Asked("slope of the effective area over the height", 0.5, True),
         "bellows_volume": Asked("volume of the bellows at design height", 0.1, True),
         "auxiliary_volume": Asked("auxiliary volume", 0.1, True),
-        "membrane_length": Asked("volume by lateral displacement, κ₀", 0.3, False),
-        "membrane_length_slope": Asked("area by lateral displacement, κ₁", 0.3, False),
-        "membrane_travel": Asked("lateral displacement over which both soften", 0.3, False),
+        "membrane_length": Asked("decrease of volume with lateral displacement, κ₀", 0.3, False),
+        "membrane_length_slope": Asked("decrease of area with lateral displacement, κ₁", 0.3, False),
+        "membrane_travel": Asked("travel over which these two decreases soften", 0.3, False),
         "discharge_coefficient": Asked("discharge coefficient of the orifice", 0.15, True),
         "bellows_heat_transfer": Asked("heat from the bellows' air to its wall", 0.3, True),
         "auxiliary_heat_transfer": Asked("heat from the auxiliary chamber's air to its wall", 0.3, True),
@@ -49,12 +49,12 @@ ASKED: Final[Mapping[str, Asked]] = MappingProxyType(
         "friction_vertical": Asked("friction, vertical", 0.3, True),
         "friction_vertical_travel": Asked("displacement to half the friction, vertical", 0.3, False),
         "friction_lateral": Asked("friction, lateral, without pressure", 0.3, False),
-        "friction_lateral_slope": Asked("friction, lateral, by pressure", 0.3, False),
+        "friction_lateral_slope": Asked("friction, lateral, increase with pressure", 0.3, False),
         "friction_lateral_travel": Asked("displacement to half the friction, lateral", 0.3, False),
         "emergency_stiffness_vertical": Asked("stiffness of the emergency spring, vertical", 0.3, True),
         "emergency_stiffness_lateral": Asked("stiffness of the emergency spring, lateral", 0.3, False),
         "torsional_stiffness": Asked("stiffness in roll without pressure, K_φ0", 0.3, False),
-        "torsional_stiffness_slope": Asked("stiffness in roll by pressure, K_φp", 0.3, False),
+        "torsional_stiffness_slope": Asked("stiffness in roll, increase with pressure, K_φp", 0.3, False),
     }
 )
 #: Relative steps of finite differences: a tenth of the prior standard deviation.
