@@ -22,7 +22,7 @@ from diagnosis.engine.config import Config
 from diagnosis.engine.diagnose import diagnose
 from diagnosis.engine.summary import TESTING
 from diagnosis.estimates import decimals, in_words
-from diagnosis.finding import Cause, Estimate, Finding, Provenance, Rival, Suspect
+from diagnosis.finding import Cause, Estimate, Finding, Provenance, Rival, Suspect, Verdict
 from diagnosis.report.page import first_screen, headline, write_report
 from diagnosis.systems.air_spring.simulator import AirSpring
 from diagnosis.systems.fmu.simulator import FmuSimulator
@@ -301,7 +301,8 @@ def _candidates(finding: Finding) -> Iterator[str]:
     accepted.
     """
     for cause in finding.causes:
-        yield f"cause: {_described(cause)}"
+        possible = "possible " if finding.verdict is Verdict.AMBIGUOUS else ""
+        yield f"{possible}cause: {_described(cause)}"
         for law in cause.laws:
             yield f"another possible law of {cause.phenomenon}: {_described(law)}"
     laws = {(cause.effect, law.effect) for cause in finding.causes for law in cause.laws}

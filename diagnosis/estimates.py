@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from types import MappingProxyType
 from typing import Final
 
 from diagnosis.contracts import Parameter
@@ -24,13 +25,28 @@ def number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
+#: Texts of parameters that are errors with the expected value 0, but whose names do not show this. A dot stands for a
+#: place and a dot.
+_ERRORS: Final = MappingProxyType(
+    {
+        ".initial_pressure": "initial pressure error",
+        ".initial_temperature": "initial temperature error",
+        ".drag": "viscous error",
+        ".seat": "rounding error",
+        "pressure_zero": "pressure zero error",
+        "force_zero": "force zero error",
+    }
+)
+
+
 def in_words(name: str, owner: str = "") -> str:
-    """Return the name of a parameter as text: ``left.initial_pressure`` becomes "initial pressure of left".
+    """Return the name of a parameter as text: ``left.auxiliary_volume`` becomes "auxiliary volume of left".
 
     ``owner`` is the title of the effect that the parameter belongs to.
     """
     place, _, what = name.rpartition(".")
-    return " of ".join(one for one in (what.replace("_", " "), place, owner) if one)
+    text = _ERRORS.get(f".{what}" if place else what, what.replace("_", " "))
+    return " of ".join(one for one in (text, place, owner) if one)
 
 
 def with_unit(value: float, unit: str, digits: int) -> str:

@@ -146,7 +146,7 @@ def _unseen(screening: Screening, model: FittedModel, company: Company, place: i
     else:
         at = ", ".join(_with_unit(p, v) for p, v in zip(effect.shapes, candidate.shapes, strict=True))
         size = f"{smallest / amplitude.scale:.3g} {unit}".rstrip()
-        sentence = f"from {size}" if unit else f"{in_words(amplitude.name)} from {size}"
+        sentence = f"{in_words(amplitude.name)} from {size}"
         sentence += f" (for {at})" if at else ""
     return Unseen(
         effect=effect.name,

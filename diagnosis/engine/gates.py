@@ -126,7 +126,7 @@ def merely_rough(gained: float, explained: float, threshold: float, config: Conf
     if not explained or gained >= config.rough**2 * explained + threshold**2:
         return ""
     part = math.sqrt(gained / explained)
-    return f"it is only {percent(part)} as large as the accepted causes, and their equations can have such an error"
+    return f"it is only {percent(part)} as large as the accepted causes; errors of their equations can be as large"
 
 
 def explains_too_little(

@@ -51,18 +51,18 @@ CAUSELESS: Final = MappingProxyType(
 #: The part to inspect for a cause, by its family.
 WHERE: Final = MappingProxyType(
     {
-        "rubber": "the rubber parts of the springs: type, age, mounting",
-        "gas": "chambers, bellows and their connections: tightness, volume, temperature",
-        "flow": "orifice, pipes and valves: dirt, wear, adjustment",
-        "friction": "seals and guides: preload, lubrication, wear",
-        "sensor": "the sensors: zero, calibration, mounting",
+        "rubber": "the rubber parts (type, age, mounting)",
+        "gas": "chambers, bellows and their connections (tightness, volume, temperature)",
+        "flow": "orifice, pipes and valves (dirt, wear, adjustment)",
+        "friction": "seals and guides (preload, lubrication, wear)",
+        "sensor": "the sensors (zero, calibration, mounting)",
         "acquisition": "converters, gateways and clocks of the data acquisition",
-        "rig": "frame, supports and actuators: mounting and alignment",
-        "leak": "the chamber, its seals and fittings: tightness",
-        "heat": "the gas and the walls: temperatures, and the waiting time after filling",
-        "lubrication": "seals and guides: lubrication",
-        "geometry": "the bore, and hoses and cables that can pull: shape and stiffness",
-        "drive": "spindle and bearings of the drive: alignment",
+        "rig": "frame, supports and actuators (mounting, alignment)",
+        "leak": "the chamber, its seals and fittings (tightness)",
+        "heat": "the gas and the walls (temperatures, waiting time after filling)",
+        "lubrication": "seals and guides (lubrication)",
+        "geometry": "the bore (shape), and hoses and cables that can pull (stiffness)",
+        "drive": "spindle and bearings of the drive (alignment)",
     }
 )
 ROLES: Final[Mapping[Role, str]] = MappingProxyType(
@@ -76,6 +76,8 @@ ROLES: Final[Mapping[Role, str]] = MappingProxyType(
 TESTING: Final[Mapping[Role, str]] = MappingProxyType(
     {"report": "test runs", "select": "validation runs", "fit": "fit runs"}
 )
+#: Load cases, with the explanation that follows them in a text.
+LOADS: Final = MappingProxyType({"AW0": "AW0 (empty car)", "AW3": "AW3 (full car)"})
 #: The name of an amplitude that is a delay.
 DELAY: Final = "delay"
 
@@ -198,9 +200,9 @@ def _alternatives(found: Finding) -> str:
         instead.setdefault(titles.get(one.instead_of, one.instead_of), []).append(one.title)
     return _sentences(
         [
-            f"{len(names)} other effects explain the data as well as {title}: {'; '.join(names)}."
+            f"Instead of {title}, {len(names)} other effects explain the data equally well: {'; '.join(names)}."
             if names[1:]
-            else f"{_begun(names[0])} explains the data as well as {title}."
+            else f"Instead of {title}, {names[0]} explains the data equally well."
             for title, names in instead.items()
         ]
     )
@@ -303,20 +305,23 @@ def _shown_by(found: Finding) -> str:
     """
     if not found.causes and not found.unknowns:
         return ""
+    without, having = _models(found)
     seen = [one for one in found.gains[1:] if one.fraction is not None]
     if seen and not found.suspected:
         one = max(seen, key=lambda gain: gain.noise_ratio_before or 0.0)
         before, after, floor = (
             with_unit(value or 0.0, one.unit, 3) for value in (one.rmse_before, one.rmse_after, one.floor)
         )
-        error = f"{before} without the cause, {after} with it (noise: {floor})"
+        error = f"{before} {without}, {after} {having} (noise: {floor})"
         return f"The clearest error is that of {one.channel}: {error}."
     if not found.imitations:
         return ""
     number = found.imitations[0]
     before, after = (with_unit(value, number.unit, 4) for value in (number.before, number.after))
     name = in_words(number.name)
-    return f"Without the cause, the fitted {name} is {before}, with it {after}. Expected is {_prior(number)}."
+    return (
+        f"{_begun(without)}, the fitted {name} is {before}, {having} {after}. Expected is {_prior(number)}."
+    )
 
 
 def _in_checks(found: Finding) -> str:
@@ -333,10 +338,20 @@ def _in_checks(found: Finding) -> str:
     extended, half, tuned, stock, read = (f"{value:.{places}f}" for value in numbers)
     kind = {"kN/m": "stiffness ", "kN*s/m": "damping "}.get(one.unit, "")
     seen = f" The measured value in {one.run} is {read}." if one.measured is not None else ""
+    without, having = _models(found)
+    name = one.name
+    for load, car in LOADS.items():
+        name = name.replace(load, car)
     return (
-        f"The model with the cause predicts {extended} ± {half} {one.unit} (95 % interval) for the {kind}{one.name}. "
-        f"The model without the cause predicts {tuned} after its fit to the data, and {stock} before.{seen}"
+        f"The model {having} predicts {extended} ± {half} {one.unit} (95 % interval) for the {kind}{name}. "
+        f"The model {without} predicts {tuned} after its fit to the data, and {stock} before.{seen}"
     )
+
+
+def _models(found: Finding) -> tuple[str, str]:
+    """Return the texts for the model without the causes of a finding, and for the model with them."""
+    what = "the causes" if len(found.models.effects) > 1 else "the cause"
+    return f"without {what}", f"with {what}"
 
 
 def _next_step(found: Finding, beside: Conclusions) -> str:
@@ -354,7 +369,7 @@ def _next_step(found: Finding, beside: Conclusions) -> str:
         return "Add the effect that you expect to the catalogue, and repeat the diagnosis."
     places = dict.fromkeys(WHERE[one.family] for one in effects if one.family in WHERE)
     others = dict.fromkeys(one.title for one in effects if one.family not in WHERE)
-    parts = [f"Inspect {place}." for place in places]
+    parts = [f"General advice for this kind of cause: inspect {'; '.join(places)}."] if places else []
     parts += [f"Search for: {'; '.join(others)}."] if others else []
     tests = [one.separated_by for one in effects if one.separated_by]
     if found.next_runs:
@@ -362,8 +377,17 @@ def _next_step(found: Finding, beside: Conclusions) -> str:
     elif found.next_sensors:
         parts.append(f"{_begun(found.next_sensors[0].sentence.rstrip('.'))}.")
     elif tests:
-        parts.append(_run("Make this run next", tests[0]))
+        parts.append(_run(_why_this_run(found), tests[0]))
     return _sentences(parts)
+
+
+def _why_this_run(found: Finding) -> str:
+    """Return the begin of the sentence on a run that distinguishes the first cause from similar effects."""
+    clear = found.causes and found.verdict is not Verdict.AMBIGUOUS and not found.suspected
+    if not clear or any(one.laws for one in found.causes):
+        return "Make this run next"
+    what = found.causes[0].title if found.causes[1:] else "the cause"
+    return f"This run distinguishes {what} from similar effects"
 
 
 def _with_size(one: Cause | Rival | Suspect) -> str:

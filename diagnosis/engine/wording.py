@@ -165,7 +165,7 @@ def _still_scores(name: str, beside: Screening, why: str) -> str:
     score = float(beside.z[beside.best(name)])
     if score <= beside.threshold:
         return EXPLAINED
-    return f"it may also be present (score in the final model: {score:.1f})" + (f"; {why}" if why else "")
+    return (f"{why}, but " if why else "") + f"it may also be present (score in the final model: {score:.1f})"
 
 
 def _cosine(found: SearchResult, first: str, second: str) -> float | None:

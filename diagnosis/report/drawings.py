@@ -21,9 +21,10 @@ BEFORE, AFTER, MEASURED = PALETTE[1], PALETTE[0], "#c3cad0"
 #: Width of a letter in the widest font of the pages (inches).
 LETTER = 0.066
 #: Names of the two models of a finding; equal names are one model.
-CAUSES, FUNCTION, MODEL = (
+CAUSE, CAUSES, FUNCTION, MODEL = (
     ("without the cause", "with the cause"),
-    ("base model", "with the fitted function"),
+    ("without the causes", "with the causes"),
+    ("without the fitted function", "with the fitted function"),
     ("model", "model"),
 )
 #: Rows and columns that a drawing has room for.

@@ -78,7 +78,7 @@ HEADLINES: Final = {
 
 #: Terms of the page and their meaning.
 _TERMS: Final = (
-    ("base model", "the model without the cause, with its parameters fitted to the data"),
+    ("base model", "the model without causes, with its parameters fitted to the data"),
     ("fit runs", "runs to which the parameters are fitted"),
     ("validation runs", "runs with which the causes are selected"),
     ("test runs", "runs that are only used to check the prediction"),
@@ -89,7 +89,7 @@ _TERMS: Final = (
         "size of an effect in the error of the base model, divided by the standard deviation of this size",
     ),
     ("threshold", "chance alone hardly ever gives a larger score"),
-    ("final model", "the model with the causes"),
+    ("final model", "the model with the causes, if any"),
 )
 _DOUBTFUL: Final = Markup("<b>Doubtful:</b> ")
 _STYLE: Final = """\
@@ -162,7 +162,7 @@ def render(finding: Finding, history: InvestigationHistory | None = None) -> str
     head = (
         bullets((_DOUBTFUL + prose(one) for one in finding.doubts), "sentences"),
         element("div", element("div", summary, "why"), f"banner {tone}"),
-        figure(drawings.trace_errors("proof", finding.traces[0], drawings.CAUSES) if shows_proof else ""),
+        figure(drawings.trace_errors("proof", finding.traces[0], _names(finding)) if shows_proof else ""),
     )
     return Document(
         f"{headline(finding)} – diagnosis of {simulator}",
@@ -181,8 +181,9 @@ def _conclusions(finding: Finding, history: InvestigationHistory | None) -> Iter
     if finding.causes:
         titles = _titles(finding)
         several = bool(finding.causes[1:])
+        open_ = "Possible cause" if finding.verdict is Verdict.AMBIGUOUS else "The cause"
         yield section(
-            "The causes" if several else "The cause",
+            f"{open_}{'s' * several}",
             *map(_cause, finding.causes),
             subheading("Other causes that explain the data equally well") if finding.ambiguous_with else "",
             *(
@@ -266,7 +267,7 @@ def _detectable(unseen: Sequence[Unseen]) -> Markup:
     return section(
         "Smallest detectable effects",
         "An effect that was not found may still exist. If its size is at least the value in this table, these runs "
-        "show it in 95 of 100 cases."
+        "show it in 95 of 100 cases. The equation of an effect defines its parameters."
         if sized
         else "",
         table("effect | detectable size", sized),
@@ -278,13 +279,12 @@ def _detectable(unseen: Sequence[Unseen]) -> Markup:
 def _gain(finding: Finding) -> Markup:
     """Return a section with the errors of both models on the report runs, and their curves."""
     runs = finding.provenance.report
-    names = (
-        drawings.CAUSES if finding.models.effects else drawings.FUNCTION if _kept(finding) else drawings.MODEL
-    )
+    names = _names(finding)
     both = len(set(names)) > 1
     above = [one for one in finding.gains if one.channel == "all" or not _at_noise(one)]
     quiet = len(finding.gains) - len(above)
-    heads = f"signal | error {names[0]} :n | " + f"error {names[1]} :n value | " * both + "noise :n | unit :u"
+    heads = f"signal | error {names[0]} :n | error {names[1]} :n value | " if both else "signal | error :n | "
+    heads += "noise :n | unit :u"
     return section(
         "Improvement on the test runs" if both else "How well the model predicts the test runs",
         f"RMS errors on the {f'{len(runs)} test runs' if runs[1:] else 'test run'}. No parameter was fitted to "
@@ -303,6 +303,13 @@ def _gain(finding: Finding) -> Markup:
             for name, draw in (("trace", drawings.trace_curves), ("error", drawings.trace_errors))
         ),
     )
+
+
+def _names(finding: Finding) -> tuple[str, str]:
+    """Return the texts for the two models of a finding."""
+    if not finding.models.effects:
+        return drawings.FUNCTION if _kept(finding) else drawings.MODEL
+    return drawings.CAUSES if len(finding.models.effects) > 1 else drawings.CAUSE
 
 
 def _at_noise(one: Gain) -> bool:
@@ -331,22 +338,27 @@ def _details(finding: Finding) -> Iterator[Markup]:
     yield section("Terms", facts_table(_TERMS))
     if finding.checks:
         measured = any(one.measured is not None for one in finding.checks)
-        heads = "result | without the cause, before the fit :n | without the cause, fitted :n | "
-        heads += (
-            "with the cause (95 % interval) :n value | unit :u" + " | measured :n | measured in :u" * measured
-        )
+        without, extended = _names(finding)
+        heads = f"result | {without}, before the fit :n | {without}, fitted :n | {extended} (95 % interval) :n value"
+        if without == extended:
+            heads = "result | before the fit :n | fitted (95 % interval) :n value"
+        heads += " | unit :u" + " | measured :n | measured in :u" * measured
         yield section(
             "Predicted results of test plans",
             "K′ is the dynamic stiffness, and c the damping. AW0 is the empty car, and AW3 the full car. No parameter "
             "was fitted to these results.",
-            table(heads, (_check_row(one)[: 7 if measured else 5] for one in finding.checks)),
+            table(
+                heads,
+                (_check_row(one, both=without != extended, measured=measured) for one in finding.checks),
+            ),
         )
 
 
-def _check_row(one: CheckPrediction) -> tuple[str, ...]:
-    stock, tuned, measured = (pair(n, one.uncertainty)[0] for n in (one.stock, one.tuned, one.measured))
+def _check_row(one: CheckPrediction, *, both: bool, measured: bool) -> tuple[str, ...]:
+    stock, tuned, read = (pair(n, one.uncertainty)[0] for n in (one.stock, one.tuned, one.measured))
     extended = " ± ".join(pair(one.extended, one.uncertainty))
-    return primed(one.name), stock, tuned, extended, unit(one.unit), measured, one.run
+    found = (read, one.run) if measured else ()
+    return primed(one.name), stock, *((tuned,) if both else ()), extended, unit(one.unit), *found
 
 
 def _next_steps(finding: Finding) -> Markup:
@@ -397,7 +409,14 @@ def _tests(finding: Finding) -> Iterator[Markup]:
         subheading("Effects above the threshold that were not accepted") if rejected else "",
         table("effect | score :n | reason", rejected),
         caption(
-            f"The causes explain the scores of {explained} other effect{'s' * (explained > 1)} above the threshold."
+            "A score assumes a small effect. So effects with equal scores can be similar when small, and differ in "
+            "their fits."
+            if len({shown(score) for _, score, _ in rejected}) < len(rejected)
+            else ""
+        ),
+        caption(
+            f"{explained} other effect{'s exceed' if explained > 1 else ' exceeds'} the threshold with the base model, "
+            "but not with the final model."
             if explained
             else ""
         ),
@@ -412,13 +431,14 @@ def _tests(finding: Finding) -> Iterator[Markup]:
     drawn = [(f"{row.title}: {row.channel}", row.figure) for row in clear if row.figure][:FIGURES]
     yield section(
         "Errors of the base model",
-        "These tests show where and when the measured values differ from the base model. They assume no cause.",
+        "These tests show where and when the measured values differ from the base model. They also find "
+        "errors that are much smaller than the noise. The verdict does not use them.",
         drawing(drawings.panel_map("panel", finding.panel)),
         caption(
             "Each row is a test, and each column a signal. Orange: the test finds an error; the darker, the clearer. "
             "Grey: chance can explain the error. Dot: the test does not apply."
         ),
-        table("clearest results | run :u words | possible causes :u words", rows),
+        table("clearest results | run :u words | typical causes :u words", rows),
         pairs(drawings.panel_figure(f"panel{place}", *one) for place, one in enumerate(drawn)),
     )
 
@@ -447,12 +467,12 @@ def _limits(finding: Finding) -> Iterator[Markup]:
     expected = {(one.name, one.run): one for one in finding.imitations}
     changed = [_shift_row(one, expected.get((one.name, one.run))) for one in _largest_shifts(finding.shifts)]
     if changed:
+        names = _names(finding)
         yield section(
-            "Parameters that the cause changes",
-            "Without the cause, the fit gives these parameters wrong values. The values have 95 % intervals.",
+            f"Parameters that the cause{'s change' if names is drawings.CAUSES else ' changes'}",
+            "These parameters have different values in the two fits. The values have 95 % intervals.",
             table(
-                "parameter | run :u | without the cause :n | with the cause :n value | expected :n | unit :u",
-                changed,
+                f"parameter | run :u | {names[0]} :n | {names[1]} :n value | expected :n | unit :u", changed
             ),
         )
     if finding.quality or finding.readings:

@@ -75,7 +75,7 @@ def _leaks(volume: float) -> tuple[Hypothesis, ...]:
             "leak_opening", "leak through pores that the pressure opens", "through pores that the pressure opens",
             linear,
             "G = k·(p − p_a)·(1 + s·(p − p_a)); s = 0 is a fixed permeable wall, s = 1/(2 p_a) a fixed laminar gap",
-            "k: conductance (kg/(s·Pa)); s: opening (1/Pa)",
+            "k: conductance (kg/(s·Pa)); s: opening, the relative growth of k with the pressure (1/Pa)",
             "first order of a conductance that grows with the load on the wall",
             shapes=(
                 Parameter("opening", "1/Pa", 0.3 / _BAR, 0.5 / _BAR, 0.0, 20.0 / _BAR, step=1e-3 / _BAR,
@@ -108,8 +108,8 @@ _HEAT: Final = (
     Hypothesis(
         name="heat_exchange",
         family="heat",
-        title="heat that the wall gives in finite time",
-        plain="the wall exchanges heat in finite time",
+        title="slow heat exchange with the wall",
+        plain="the wall exchanges heat slowly",
         amplitude=Parameter("time_constant", "s", 0.0, 5.0, 0.0, 60.0, step=0.01, display="s"),
         touches=frozenset({"gas"}),
         confusers=_LEAK_NAMES,

@@ -304,7 +304,7 @@ class _Reader:
             len(holes),
             len(grid),
             f"{grid[holes[0][0]]:.6g} s",
-            f"the longest gap has {(stop - start) * (grid[1] - grid[0]):.3g} s and starts at {grid[start]:.6g} s",
+            f"the longest gap lasts {(stop - start) * (grid[1] - grid[0]):.3g} s and starts at {grid[start]:.6g} s",
             check.input if driven else check.output,
             check.doubt,
         )

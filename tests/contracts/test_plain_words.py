@@ -52,7 +52,7 @@ def test_a_finding_says_it_as_a_sentence(plain: str, told: str) -> None:
     assert said.startswith(told) and "0.200 ± 0.020 mm2" in said
     rival = msgspec.structs.replace(_rival(size), title="heat", instead_of="leak.left")
     asked = _sentence(Verdict.AMBIGUOUS, one, left, rival)
-    assert "dry friction" in asked and "Heat explains" in asked and "0.200 ± 0.020 mm2" in asked
+    assert "dry friction" in asked and "heat explains" in asked and "0.200 ± 0.020 mm2" in asked
 
 
 @pytest.mark.parametrize(

@@ -64,7 +64,7 @@ def test_the_page_does_what_it_says(page: Path) -> None:
     assert done.returncode == 0, done.stderr
     (said,) = re.findall(r"```\n(The cause is found.*?)```", text, flags=re.DOTALL)
     lines = said.splitlines()
-    parts = [line.partition(" …")[0].removesuffix("Inspect") for line in lines if not line.startswith("  ")]
+    parts = [line.partition(" …")[0] for line in lines if not line.startswith("  ")]
     shown = done.stdout.splitlines()
     assert all(any(one.startswith(part.strip()) for one in shown) for part in parts), done.stdout
     assert [line for line in lines if line.startswith(("  cause", "  fit runs"))] == [

@@ -156,7 +156,7 @@ def test_loss_grows_as_its_mechanism_says():
     rng = np.random.default_rng(5)
     friction, viscous = (TEST["loss"](seen(rng, e), 0) for e in (3 * FRICTION, 300 * V))
     assert friction.points_to == "Coulomb or Berg friction"
-    assert viscous.points_to == "viscous loss, or Maxwell below its peak"
+    assert viscous.points_to == "viscous loss, or Maxwell branch below its frequency of maximum loss"
 
 
 def test_the_size_test_names_the_frequency_band():

@@ -38,7 +38,8 @@ def loss(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     tests = [(_against_zero(values), swing, float(values.mean())) for swing, values in found]
     (p, t), swing, mean = min(tests, key=lambda one: one[0])
     channel = residuals.channels[c]
-    unit = f"{channel.display or channel.unit}·{input_unit(swing.signal)}"
+    per = input_unit(swing.signal) or f"unit of {input_name(swing.signal)}"
+    unit = f"{channel.display or channel.unit}·{per}"
     sure = [(s, w) for (chance, _), s, w in tests if chance < 0.01]
     return Evidence(
         statistic=abs(t),
@@ -107,9 +108,9 @@ def _mechanism(sure: list[tuple[Swing, float]]) -> str:
     if spread[0] and a < 1.4 and flat:
         return "Coulomb or Berg friction"
     if quadratic and spread[1] and b > 0.6:
-        return "viscous loss, or Maxwell below its peak"
+        return "viscous loss, or Maxwell branch below its frequency of maximum loss"
     if quadratic and spread[1] and b < 0.25:
-        return "Maxwell, heat or orifice near or above the peak"
+        return "Maxwell branch, heat or orifice, near or above the frequency of maximum loss"
     return anything
 
 

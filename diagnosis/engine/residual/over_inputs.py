@@ -10,6 +10,7 @@ import numpy as np
 from diagnosis.contracts import Array
 from diagnosis.engine.config import LEAST_IN_BIN, LEAST_OF_A_SINE, LEAST_SAMPLES, SURFACE_BINS
 from diagnosis.engine.p_values import bonferroni, p_of_chi2
+from diagnosis.engine.residual.over_time import DRIFTS
 from diagnosis.engine.residual.residuals import (
     RATE,
     Evidence,
@@ -59,16 +60,17 @@ def follows(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicab
         assert best is not None  # at least one input moves
         p, value, name = best
         share = float(np.sqrt(value / (y @ y)))
+        ends = "the start and the end" if name == "time" else f"low and high {input_name(name)}"
         how = {
-            "linear": "is proportional to",
-            "even": "is about equal at low and high values of",
-            "odd": "is not linear in",
+            "linear": f"has a part proportional to {input_name(name)}",
+            "even": f"has a part that is similar at {ends}",
+            "odd": f"has a part that is not linear in {input_name(name)}",
         }[parity]
         return Evidence(
             statistic=value,
             p=bonferroni(p, len(residuals.inputs)),
-            sentence=f"the error of {residuals.channels[c].name} {how} {input_name(name)} (correlation {share:.2f})",
-            points_to=POINTS_TO[parity],
+            sentence=f"the error of {residuals.channels[c].name} {how} (correlation {share:.2f})",
+            points_to=DRIFTS if name == "time" else POINTS_TO[parity],
             draw=lambda: _over_input(residuals, c, name),
         )
 

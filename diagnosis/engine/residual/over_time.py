@@ -13,6 +13,8 @@ from diagnosis.engine.residual.residuals import Evidence, NotApplicable, Residua
 from diagnosis.estimates import numbers
 from diagnosis.finding import Figure, Series
 
+#: Causes of an error that changes with time.
+DRIFTS = "leak, heat, drift, volume"
 BANDS_HZ = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0)
 
 
@@ -115,7 +117,7 @@ def drift(residuals: Residuals, c: int) -> Evidence | NotApplicable:
         p=bonferroni(p, len(DRIFT_BLOCKS)),
         sentence=f"the error of {channel.name}, averaged over {seconds:.2g} s, varies from {np.nanmin(means):.3g} to "
         f"{np.nanmax(means):.3g} {unit}",
-        points_to="leak, heat, drift, volume",
+        points_to=DRIFTS,
         draw=lambda: Figure(
             kind="points",
             x_label="time in s",

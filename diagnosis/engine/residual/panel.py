@@ -36,7 +36,7 @@ TESTS: Final[tuple[tuple[str, str, Test], ...]] = (
     ("memory", "error correlated in time", over_time.memory),
     ("drift", "error drifts over time", over_time.drift),
     ("linear", "error proportional to an input", over_inputs.follows("linear")),
-    ("even", "error equal at low and high input", over_inputs.follows("even")),
+    ("even", "error similar at low and high input", over_inputs.follows("even")),
     ("odd", "error not linear in an input", over_inputs.follows("odd")),
     ("even harmonics", "error at 2, 4 or 6 times the frequency", over_inputs.rings("even")),
     ("odd harmonics", "error at 3, 5 or 7 times the frequency", over_inputs.rings("odd")),

@@ -101,21 +101,27 @@ def residuals_of(
     )
 
 
+#: Texts of inputs whose names are not clear.
+_NAMES = {"lateral.give": "lateral deflection of the frame"}
+
+
 def input_name(name: str) -> str:
     """Return the name of an input as text: ``pressure_rate`` becomes "pressure rate". Names with a dot are not
-    changed.
+    changed, except those in `_NAMES`.
     """
-    return name if "." in name else name.replace("_", " ")
+    return _NAMES.get(name, name if "." in name else name.replace("_", " "))
 
 
 #: Units (SI) of usual inputs and pressures, by the end of their names.
 _UNITS = {
     "time": "s",
     "displacement": "m",
+    "deflection of the frame": "m",
     "height": "m",
     "speed": "m/s",
     "pressure": "Pa",
     "pressure_rate": "Pa/s",
+    "pressure rate": "Pa/s",
 }
 
 
@@ -124,13 +130,14 @@ RATE = "rate of "
 
 
 def input_unit(name: str) -> str:
-    """Return the SI unit of an input or a pressure by its name."""
-    return next((unit for end, unit in _UNITS.items() if name.endswith(end)), "(SI unit)")
+    """Return the SI unit of an input or a pressure by its name; "" if it is not known."""
+    return next((unit for end, unit in _UNITS.items() if input_name(name).endswith(end)), "")
 
 
 def input_axis(name: str) -> str:
     """Return the label of the axis of an input, a pressure, or the `RATE` of one, with its unit."""
-    return f"{input_name(name)} in {input_unit(name)}{'/s' if name.startswith(RATE) else ''}"
+    unit = input_unit(name) or "its SI unit"
+    return f"{input_name(name)} in {unit}{'/s' if name.startswith(RATE) else ''}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
