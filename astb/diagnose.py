@@ -98,8 +98,8 @@ def conclude(
     out: Path,
     progress: Progress,
 ) -> Finding:
-    """Diagnose, and write finding and report into ``out``. Also write the extended ``model`` of a bench, or the values
-    of an FMU.
+    """Diagnose, and write finding and report into ``out``. Also write the extended ``model`` of a bench if an effect
+    was added to it, or the values of an FMU.
 
     For a bench, the finding also ranks further runs by how well they separate the causes, and predicts stiffness and
     damping in other plans.

@@ -94,7 +94,8 @@ def investigate_rig(
     model: str,
     out: Path,
 ) -> bool:
-    """Run tests on ``rig`` to find errors of ``model``, and print the finding. Return whether there is a finding.
+    """Run tests on ``rig`` to find errors of ``model``. Write records, log and finding into ``out``, and print the
+    finding. Return whether there is a finding.
 
     Raises RigFileError, ParameterError, DiagnosisError, RecordError or BenchError, like `astb run` and `astb diagnose`.
     """

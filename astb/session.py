@@ -161,7 +161,8 @@ def open_session(
 ) -> Iterator[Session]:
     """Yield a session with ``rig``; the bench is not yet connected.
 
-    A simulated rig in real time that does not answer is started in its own process and stopped at the end.
+    A simulated rig in real time that does not answer is started in its own process and stopped at the end. Raises
+    RigFileError for a real rig in virtual time, or if another model of the rig is already running.
     """
     if virtual or rig.time == "virtual":
         if rig.simulation is None:

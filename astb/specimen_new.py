@@ -212,7 +212,10 @@ def _limits(
 def _limit(
     name: str, entry: Mapping[str, Any], case: str, found: Found, more: float, source: str
 ) -> dict[str, Any] | None:
-    """Return one new limit: around the new value, with the old width; None without a new value."""
+    """Return one new limit: around the new value, with the old relative width; None without a new value.
+
+    A limit with one end does not change. The limits ``carried`` are moved by ``more`` (N).
+    """
     factor = UNITS[entry["unit"]].factor
     if name == "carried":
         ends = {end: _rounded(entry[end] + more / factor, 6) for end in ("low", "high") if end in entry}

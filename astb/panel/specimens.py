@@ -88,7 +88,10 @@ class Specimens:
         return self._facts(name) | {"rows": list(_rows(content))}
 
     def add(self, name: str, text: str, *, instead: bool = False) -> str:
-        """Store a user's file; return its name. Raises CannotDo, and stores nothing, if it is not a valid specimen."""
+        """Store a user's file; return its name. With ``instead``, it may replace a file with other contents.
+
+        Raises CannotDo, and stores nothing, if it is not a valid specimen or must not replace a file.
+        """
         if not _NAME.fullmatch(name):
             raise CannotDo(
                 f"{name!r} is not a valid name for the file of a specimen; use a name such as mine.toml"

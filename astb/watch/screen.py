@@ -81,7 +81,7 @@ def comparison_table(minute: LastMinute, story: TwinStory) -> Table:
     """Return a table of the last mean of each reading, its expected value, and their difference divided by its
     uncertainty.
 
-    The uncertainty is expanded (k = 2). Larger differences are red.
+    The uncertainty is expanded (k = 2). Differences that exceed it are red.
     """
     deviation = story.present_deviation
     word = f"deviates from its model since {deviation.since:.1f} s" if deviation else "agrees with its model"

@@ -191,10 +191,10 @@ class Measuring:
         self._motions.append(Motion(0.0, change, noise, side))
 
     def _shake(self, axis: Any, amplitude: float, frequency: float) -> tuple[Samples, dict[str, Samples]]:
-        """Move ``axis`` with a sine and store the amplitudes of all readings.
+        """Move ``axis`` with a sine and store the amplitudes of all readings that are sampled often enough.
 
-        Return times (s) and readings of the steady cycles, all at the same times. Both are empty if the rig cannot do
-        this motion.
+        A lateral ``amplitude`` is limited by the gap of the bump stop and by the actuator's force. Return times (s) and
+        readings of the steady cycles, all at the same times. Both are empty if the rig cannot do this motion.
         """
         bench = self._bench
         names = [name for name in self._names if bench.receiver.rates.get(name, inf) >= SAMPLES * frequency]

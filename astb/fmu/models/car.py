@@ -64,7 +64,7 @@ _PLACE: Final = (
 def car(parameters: Parameters, vehicle: VehicleParameters) -> Unit:
     """Return the FMU of half the ``vehicle``.
 
-    Its mass is the load of springs with these ``parameters`` under nominal preload.
+    Its weight is the nominal preload of both springs with these ``parameters``.
     """
     record = np.zeros(1, CAR)
     for one in _OWN:
