@@ -4,12 +4,13 @@ Theory of operation
 -------------------
 With one rounding and noise as large as the steps, the mean of the readings is exact to 1 in 1 000 000. With two
 roundings it is not. With steps of 25 N on the bus and 8 N of the converter, one code in eight represents four numbers
-of the converter and the others three. The error of the mean is up to 2.5 N, and constant while the force changes by
-less than about 50 N. For a rest of eight seconds this is five times the error by noise.
+of the converter and the others three. With noise of 20 N, the error of the mean is up to 2.5 N. It depends on the
+force, with a period of 200 N. So it does not average out at rest. After eight seconds it is five times the error
+by noise.
 
 So each code gets a correction that makes the mean exact at every force: with P(k|F), the probability of code k at the
-force F, and b(F), the error of the mean of the codes, Σ_k P(k|F) c_k = b(F) is solved for the corrections c. The
-corrections repeat with the common period of both grids.
+force F, and b(F), the error of the mean of the codes, Σ_k P(k|F) c_k = b(F) is solved for the corrections c, which are
+subtracted. They repeat with the common period of both grids.
 
 The converter's step comes from a data sheet. Readings can contradict it: codes that represent more numbers occur more
 often while the signal moves (the histogram test of a converter, IEEE 1241).
