@@ -6,9 +6,10 @@ File 1, the incident::
                format   recording  number  tick   samples  trigger  period  channels  bytes  story in UTF-8
 
 ``recording`` is 1 while the next incident is being recorded; ``number`` counts the incidents since the rig started, 0
-before the first; ``tick`` is the rig's own time of the incident in ms, high word first; ``trigger`` is the sample of
-the incident, ``period`` the time between samples in ms, ``bytes`` the length of the story. The files from 2 on are the
-samples of one channel each, in the order of `CHANNELS`: signed multiples of the signal's step, 0x8000 for none.
+before the first; ``tick`` is the rig's own time of the incident in ms, high word first; ``trigger`` is the index of the
+sample of the incident, ``period`` the time between samples in ms, ``bytes`` the length of the story. The files from 2
+on are the samples of one channel each, in the order of `CHANNELS`: signed multiples of the signal's step, 0x8000 for
+none.
 """
 
 from collections.abc import Callable, Sequence

@@ -136,7 +136,8 @@ def encode_into(
     out: Any,
     position: int,
 ) -> int:
-    """Write one frame per message in ``rows`` to ``out[position:]``; return the position behind the last.
+    """Write one frame per message in ``rows`` to ``out[position:]``, with the time stamp ``time`` (ns). Return the
+    position behind the last frame.
 
     A row of -1 is skipped.
 
@@ -182,7 +183,9 @@ def data_word(record: Any) -> Any:
 
 @cached
 def _is_accepted(record: Any, message: Any, token: int, tally: Any) -> bool:
-    """Return whether CRC and token of a command are right; count a wrong CRC as corrupt, a wrong token as strange."""
+    """Return whether CRC and token of a command are right. Count a frame with a wrong CRC as corrupt, and one with a
+    wrong token as strange.
+    """
     crc = record["data"][0]
     if message.bound != 0 and token > NOBODY:
         if crc8(record["data"], message.data_id ^ token) == crc:
@@ -265,8 +268,9 @@ def decode_into(
 
     ``token`` is that of the commander whose frames are accepted, or `ANYBODY`, or `NOBODY`.
 
-    ``latest`` and ``latest_times`` (by table row) are updated. ``times`` (by message row) keeps the time of the last
-    frame of each message. ``tally`` counts accepted, lost and rejected frames.
+    All times are in ns, all values in SI. ``latest`` and ``latest_times`` (by table row) are updated. ``counters`` and
+    ``times`` (by message row) keep the counter and the time of the last accepted frame of each message. ``tally``
+    counts accepted, lost and rejected frames.
     """
     count = 0
     for record in block:

@@ -108,7 +108,7 @@ def move_car(car: Any, dt: float) -> None:
 def springs_ahead(car: Any, ahead: float, lateral: float, vertical: float, rolled: float) -> Any:
     """Return the predicted pose of the springs of a `MovingCar` in ``ahead`` s (`SpringPose`), as three numbers.
 
-    Assumes constant accelerations, and the track at ``lateral``, ``vertical`` and ``rolled``.
+    Assumes constant accelerations, and the track at ``lateral`` (m), ``vertical`` (m) and ``rolled`` (rad).
     """
     half = 0.5 * ahead * ahead
     y = car.place[0] + ahead * car.speed[0] + half * car.acceleration[0]

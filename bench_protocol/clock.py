@@ -76,7 +76,7 @@ class _ThreadTask:
 
 
 class RealClock:
-    """Monotonic time of this machine, optionally ``scale`` times faster or slower than the wall clock."""
+    """Monotonic time of this machine, ``scale`` times as fast as the wall clock: 2 is double speed, 0.5 half speed."""
 
     def __init__(self, scale: float = 1.0) -> None:
         if not 0.001 <= scale <= 1000:
@@ -180,7 +180,7 @@ class VirtualClock:
 
 
 def every_without_late(clock: Clock, period: int, callback: Callable[[], None]) -> Task:
-    """Call ``callback`` as ``clock.every`` does, but skip calls that a stall has delayed."""
+    """Call ``callback`` every ``period`` ns as ``clock.every`` does, but skip calls that a stall has delayed."""
     last = clock.now()
 
     def cycle() -> None:

@@ -32,7 +32,7 @@ _INDEPENDENT: Final = "VECTOR__INDEPENDENT_SIG_MSG"
 
 
 class DbcError(Exception):
-    """A DBC that cannot be read, or lacks a requested content. The text names it and a valid one."""
+    """A DBC that cannot be read or used. The text states the file, the fault and the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,10 +75,10 @@ class Dbc:
                 self._groups.setdefault(one.key[0], []).append(one)
 
     def of(self, identifier: int, extended: bool) -> Described | None:
-        """Return the message of frames with an identifier; None if the file has none, or several of the same J1939
-        group.
+        """Return the message of frames with an identifier; None if the file has none.
 
-        J1939 messages are found by the group, for any priority and addresses. Raises DbcError if two messages have the
+        J1939 messages are found by the group, for any priority and addresses. If the file has several messages of the
+        group, the only one without a source address is returned, or None. Raises DbcError if two messages have the
         identifier.
         """
         found = self._exact.get((identifier, extended), [])

@@ -26,7 +26,9 @@ def ending_of(path: Path) -> str:
 
 
 def form_of(path: Path, forms: Sequence[FileForm]) -> FileForm | None:
-    """Return the format that recognises a file, else the first one with its ending; None if there is none."""
+    """Return the format that recognises the content of a file, else the first format with the ending of the file; None
+    if there is none.
+    """
     for one in forms:
         if one.recognises is not None and path.is_file() and one.recognises(path):
             return one

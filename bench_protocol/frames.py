@@ -23,7 +23,7 @@ def empty_block() -> Block:
 
 
 def frame(identifier: int, data: bytes, time: int = 0, *, extended: bool = False) -> Block:
-    """Return a block of one frame. Raises ValueError if the frame is impossible on a classic CAN bus."""
+    """Return a block of one frame at ``time`` (ns). Raises ValueError if a classic CAN bus cannot carry the frame."""
     limit = EXTENDED_ID_MAX if extended else STANDARD_ID_MAX
     if not 0 <= identifier <= limit:
         kind = "extended" if extended else "standard"

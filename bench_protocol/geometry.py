@@ -63,8 +63,8 @@ def pointing(rig: Rig, cell: str) -> tuple[float, float, float]:
 def setpoints_of(at: SpringPose, rig: Rig, springs: Springs = STILL) -> dict[str, float]:
     """Return the set-points of bolster and platform for a pose of the springs, by their names.
 
-    They are relative to the level position and linear in the pose. Frame and oil between piston and bolster are
-    compliant, so the set-points also compensate for the deflection by the change of load ``springs``.
+    The set-points are relative to the level position and linear in the pose. Frame and oil between piston and bolster
+    are compliant, so the set-points also compensate for the deflection by the change of load ``springs``.
     """
     share = (rig["stop_gap"] - STOP_ROOM) / SHEAR_MAX
     platform = ((1.0 - share) * at.shear - rig["centre_height"] * at.roll) / (

@@ -70,7 +70,9 @@ class Reassembly:
         self.whole = 0
 
     def take(self, time: int, channel: str, identifier: int, data: bytes) -> tuple[int, bytes] | None:
-        """Return identifier and data of the message that a packet completes; None for any other packet."""
+        """Return identifier and data of the message that a packet received at ``time`` (ns) completes; None for any
+        other packet.
+        """
         ends = source_of(identifier), identifier >> 8 & 0xFF
         if group_of(identifier) == ANNOUNCES:
             self._announced(time, channel, ends, data)

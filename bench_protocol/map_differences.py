@@ -118,7 +118,9 @@ def _by_signal(places: Places) -> dict[str, dict[str, str]]:
 
 
 def _move(here: Places, there: Places) -> str:
-    """Return as text the places of a signal here and on the rig; "" if they are equal, apart from choices."""
+    """Return as text the places that a signal has only here, or only on the rig. Return "" if all places are equal;
+    places of choices are ignored.
+    """
     left = [place for place in here if place not in there and not _is_choice(place)]
     come = [place for place in there if place not in here and not _is_choice(place)]
     if not left and not come:

@@ -99,7 +99,9 @@ class Bank(Protocol):
 
 
 class AduStream:
-    """Splits the byte stream of one connection into ADUs, which may arrive together or in parts; stores at most one."""
+    """Splits the byte stream of one connection into ADUs, which may arrive together or in parts. It stores the
+    incomplete ADU at the end.
+    """
 
     def __init__(self) -> None:
         self._rest = b""

@@ -30,8 +30,11 @@ _NUMBER_BITS: Final = 8
 def no_value_codes(signal: Signal) -> dict[int, str]:
     """Return the raw values of ``signal`` that mean "no value", each with its name in the DBC.
 
-    For a number, these also include named values beyond its range, and at an end of the range of its bits. A number is
-    a signal with unit, scale or offset, or without other named values.
+    The names decide, such as "SNA". For a number, a named value also means "no value" if its name is that of an error,
+    if it is beyond the range of the signal, or if it is near an end of the raw range (such as 0xFF).
+
+    A signal is a number if it has a unit, scale or offset, and more than 2 bits; or if it has at least 8 bits, and all
+    its named values are of these kinds.
     """
     if signal.conversion.is_float or not signal.choices:
         return {}

@@ -57,8 +57,8 @@ class Block(NamedTuple):
         return self.scaled + number - self.numbers.start
 
     def span(self, sequences: Collection[int]) -> tuple[int, int] | None:
-        """Return the input registers at its ends, from those that have a sequence number; None if the block does not
-        exist.
+        """Return the first and the last input register of the block, which have a sequence number. ``sequences`` are
+        all input registers with one. Return None if the block does not exist.
         """
         opening = self.floats - 1
         found = [one for one in sequences if opening <= one <= self.address(self.numbers.stop)]

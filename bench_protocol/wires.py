@@ -32,8 +32,8 @@ class _Rows(dict[str, int]):
 class Table:
     """All values on CAN and Modbus: the source of all codecs, maps and documents.
 
-    Raises ValueError for clashing names, identifiers or addresses, and for fields or registers of unknown signals. Also
-    for ranges that do not fit in their bits, and a bus load above one half.
+    Raises ValueError for equal names, identifiers or addresses, for fields or registers of unknown signals, for ranges
+    that do not fit in their bits, and for a bus load above one half.
     """
 
     signals: tuple[Signal, ...]
@@ -120,9 +120,9 @@ class Table:
 
     @cached_property
     def places(self) -> dict[str, str]:
-        """Return the place and coding of each signal on the wires, which must be equal in rig and drivers. They are
-        names, bits, steps, addresses, encodings, protection, rates and the numbers of choices. The order of rows,
-        descriptions, ranges and display units are not included.
+        """Return the place and coding of each signal on the wires, which must be equal in rig and drivers. The texts
+        contain names, bits, steps, addresses, encodings, protection, rates and the numbers of choices. The order of
+        rows, descriptions, ranges and display units are not included.
         """
         found: dict[str, str] = {}
         for message in self.messages:

@@ -12,7 +12,7 @@ _NUMBER: Final = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]
 
 
 class NotAValue(ValueError):
-    """A text is not a number with a unit of the quantity; the message states a valid one."""
+    """A text is not a number with a unit of the quantity; the message states a valid text."""
 
 
 def read_written(what: str, text: Any, si: str) -> float:

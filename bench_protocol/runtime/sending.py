@@ -23,8 +23,8 @@ _copy: Final = external("memcpy", ADDRESS, ADDRESS, ADDRESS, ADDRESS)
 
 @inlined
 def send_all(descriptor: int, address: int, size: int, work: Any) -> int:
-    """Send ``size`` bytes from ``address``, waiting for room for a bounded time; return 0 or an errno. ``work`` is
-    working memory.
+    """Send ``size`` bytes from ``address``, and wait up to `_PATIENCE` for space in the send buffer. Return 0 or an
+    errno. ``work`` is working memory.
     """
     if descriptor < 0:
         return _EBADF
