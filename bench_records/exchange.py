@@ -75,7 +75,8 @@ def table_of(record: Record, rate: float, names: Sequence[str]) -> pd.DataFrame:
 
 
 def write_mdf(record: Record, path: Path, names: Sequence[str] = ()) -> int:
-    """Write every sample with its time to an MDF file. Return the number of samples.
+    """Write every sample with its time to an MDF file. Return the number of samples. Without ``names``, all signals are
+    written.
 
     Raises RecordError if asammdf is not installed, or for an unknown name.
     """

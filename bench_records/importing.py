@@ -142,7 +142,7 @@ def _source(index: int, signal: str, keys: ImportKeys) -> Source:
 def _without_codes(
     path: Path, columns: Mapping[str, Series], nulls: Nulls, account: Account
 ) -> dict[str, Series]:
-    """Return the columns without the codes for missing values. Remarks on these codes are added to ``account``."""
+    """Return the columns with NaN for codes of missing values. Remarks on these codes are added to ``account``."""
     found, remarks = without_codes(path.name, columns, nulls)
     for one in remarks:
         account.take(f"{'doubtful: ' * one.doubt}{one.sentence()}")
@@ -301,7 +301,9 @@ def _write(
     events: Iterable[RecordedEvent] = (),
     silent: Iterable[SignalInfo] = (),
 ) -> int:
-    """Write a record to the folder ``into`` with its samples in order of time. Return their number."""
+    """Write a record to the folder ``into`` with its samples in order of time. Return the number of samples.
+    ``start_ns`` (since 1970) is the start of the clock if no series states one.
+    """
     import numpy as np
 
     series = [(one.series.times, one.series.values * one.scale + one.zero) for one in found]

@@ -115,7 +115,8 @@ class Condition(msgspec.Struct, frozen=True):
 
 
 def phases_of(events: list[RecordedEvent], start_ns: int, end_ns: int) -> list[Phase]:
-    """Return the phases between begin and end events, in the order of their begin.
+    """Return the phases between begin and end events, in the order of their begin. Start and end of the record are in
+    ns.
 
     If the end event of a phase is missing because the run was interrupted, the phase ends with the record, or with the
     phase around it.

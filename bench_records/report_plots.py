@@ -323,7 +323,9 @@ def _right_of_axes(paper: Sheet, share: float) -> float:
 
 
 def look(index: int, label: str) -> tuple[str, tuple[float, ...]]:
-    """Return colour and dashes of a line. Lines of the right side are dashed."""
+    """Return colour and dashes of a line. Lines of the right spring ("right" in ``label``) are dashed; when all colours
+    are used, further lines are dotted.
+    """
     dash = DASH if "right" in label.split() else DOTS if index >= len(PALETTE) else ()
     return PALETTE[index % len(PALETTE)], dash
 

@@ -1,10 +1,10 @@
 """The result of a test plan: checks of values against limits, and the verdict.
 
-A value with a standard uncertainty passes if it conforms with a probability of at least 97.5 %. It is *marginal* if it
-is within its limits with a lower probability. A value without uncertainty is marginal if its distance to a limit is
-less than ``margin`` times the width of the band. A marginal value passes, but needs attention. A value that is not a
-finite number is an *error* and never passes. A value that the rig cannot measure is *not available*. It has a reason,
-and never passes. All values are in SI, and ``scale`` is the SI value of one display unit.
+A value within its limits passes, and one outside fails. A value with a standard uncertainty that conforms with a
+probability below 97.5 % passes as *marginal*: it needs attention. A value without uncertainty is marginal if its
+distance to a limit is less than ``margin`` times the width of the band. A value that is not a finite number is an
+*error* and never passes. A value that the rig cannot measure is *not available*. It has a reason, and never passes. All
+values are in SI, and ``scale`` is the SI value of one display unit.
 """
 
 from __future__ import annotations

@@ -139,7 +139,7 @@ def phase_strips(record: Record, phases: list[Phase], span: tuple[float, float])
 
 
 class Table(NamedTuple):
-    """The numbers of sweeps that have the same points."""
+    """A table of sweeps over the same points: headings, and values as text."""
 
     columns: list[str]
     rows: list[list[str]]

@@ -119,7 +119,9 @@ CHECKS: Final = {
 
 @dataclass(frozen=True)
 class Remark:
-    """A finding of a check in a column: the number of samples, the first of them, and the consequence."""
+    """A finding of a check in a column: ``count`` of ``samples`` values have it, and ``first`` is the place of the
+    first one in the file.
+    """
 
     file: str
     column: str
@@ -146,10 +148,10 @@ Nulls = Mapping[str, Sequence[float] | None]
 def examine(
     file: str, columns: Mapping[str, Series], nulls: Nulls, inputs: Sequence[str] = ()
 ) -> tuple[dict[str, Series], list[Remark]]:
-    """Return the columns of a file without values that are not measurements, and remarks on these values.
+    """Replace values that are not measurements by NaN. Return the columns of a file, and remarks on these values.
 
-    ``inputs`` are columns that drive a simulation. In these, readings at a limit or stuck by a sensor fault are not
-    removed.
+    ``inputs`` are columns that drive a simulation. In these columns, readings at a limit or stuck by a sensor fault are
+    kept.
     """
     found, remarks = without_codes(file, columns, nulls, inputs)
     signals = {name: _Signal.of(one) for name, one in found.items()}
@@ -171,8 +173,10 @@ def examine(
 def without_codes(
     file: str, columns: Mapping[str, Series], nulls: Nulls, inputs: Sequence[str] = ()
 ) -> tuple[dict[str, Series], list[Remark]]:
-    """Return the columns of a file without codes for missing values, and remarks. Declared and undeclared codes are
-    removed.
+    """Replace codes for missing values by NaN. Return the columns of a file, and remarks.
+
+    Declared codes are those of ``nulls``. Undeclared codes are found from the values, except in columns whose list in
+    ``nulls`` is empty. ``inputs`` are the columns that drive a simulation; only their remarks differ.
     """
     found, remarks = dict(columns), list[Remark]()
     for name, series in columns.items():
@@ -205,8 +209,8 @@ def _apply(
     what: str,
     inputs: Sequence[str],
 ) -> None:
-    """If ``mask`` selects samples, add a remark of the check. Remove these samples if this is the consequence of the
-    check.
+    """If ``mask`` selects samples, add a remark of the check. Replace the samples by NaN if this is the consequence of
+    the check.
     """
     series, one = found[name], CHECKS[check]
     if not mask.any():

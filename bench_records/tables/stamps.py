@@ -144,11 +144,11 @@ def _digits(found: re.Match[str] | None) -> int:
 def _whole_milliseconds(
     ns: npt.NDArray[np.int64], there: npt.NDArray[np.bool_], parts: npt.NDArray[np.int64]
 ) -> tuple[npt.NDArray[np.int64], list[str]]:
-    """If the decimals of the seconds give an uneven clock, read their digits as integer milliseconds. Return the
-    times and remarks.
+    """If the decimals of the seconds give an uneven clock, read their digits as integer milliseconds. Return the times
+    and remarks.
 
     ``parts`` are from `_digits`. Some programs write 10:00:00.0, .10 … .990 for 0 to 990 ms, or four digits, such as
-    .0990.
+    .0990 for 990 ms.
     """
     import numpy as np
 
