@@ -298,7 +298,9 @@ def _si_units(path: Path, definitions: Sequence[Any]) -> dict[_Size, str]:
 
 
 def _own_units(definitions: Sequence[Any], si: Mapping[_Size, str]) -> dict[str, Unit]:
-    """Return the units that an FMU defines, by name. The SI unit of each is also listed under its base units."""
+    """Return the units that an FMU defines, by name. For each unit, its SI unit is added under the name of its base
+    units.
+    """
     own = {}
     for unit in definitions:
         if unit.baseUnit is not None:

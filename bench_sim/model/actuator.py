@@ -63,7 +63,11 @@ def actuator_force(x: Any, mem: Any, par: Any, j: int, d: float, d_speed: float)
 
 @compiled
 def actuator_term(x: Any, mem: Any, par: Any, out: Any, dx: Any) -> None:
-    """Add the dynamics of the three actuators, and their forces (N) on the bolster, to the derivatives ``dx``."""
+    """Add the dynamics of the three actuators to ``dx``. Add their forces (N) to the sums for the bolster in ``dx``,
+    which `bolster_term` divides by the mass.
+
+    Write force (N), displacement (m) and speed (m/s) of each actuator to ``out``.
+    """
     for j in range(ACTUATORS):
         omega = 2.0 * pi * par.actuator_frequency[j]
         rate = x[State.ACTUATOR_RATE + j]
@@ -107,7 +111,7 @@ def relief_speed(x: Any, mem: Any, par: Any, j: int) -> float:
 
 @compiled
 def hold_setpoint(mem: Any, j: int, value: float) -> None:
-    """Set the set-point and fill its delay line with one value, as if the set-point had always been constant."""
+    """Set the set-point (m or N) and fill its delay line with it, as if the set-point had always been constant."""
     mem.setpoint[j] = value
     mem.delayed[j] = value
     for k in range(DELAY_CAPACITY):

@@ -71,9 +71,10 @@ def vertical_loads(
 ) -> tuple[float, float, float, float]:
     """Return the compression of the contact in m, F_z in N, ∂F_z/∂ζ_b at constant pressure in N/m, and ∂F_z/∂p in m².
 
-    ``A`` (m²) is the area at zero pressure, ``growth`` (m²/Pa) its increase per gauge pressure. ``rubber`` (N) is the
-    force of the relaxing elements, and ``stiff`` (N/m) their stiffness. ``f`` is the value of the friction curve,
-    ``slope`` its slope.
+    ``A`` (m²) is the area at zero pressure, ``growth`` (m²/Pa) its increase per gauge pressure, and ``A_1`` is ∂A/∂ζ in
+    m. ``shell`` (N/m) is the elastic stiffness. ``rubber`` (N) is the force of the relaxing elements, and ``stiff``
+    (N/m) their stiffness. ``f`` is the value of the friction curve, ``slope`` (1/m) its slope; ``friction`` (N) and
+    ``friction_slope`` (N/Pa) are those of `friction_limit`.
     """
     limit = friction_limit(friction, friction_slope, gauge)
     contact = max(contact_height - z, 0.0)
@@ -100,8 +101,8 @@ def lateral_loads(
     friction: float,
     friction_slope: float,
 ) -> tuple[float, float, float]:
-    """Return F_y in N, ∂F_y/∂y_b in N/m and ∂F_y/∂p in m². Arguments are as in `vertical_loads`; ``bend`` is ∂²V/∂y²
-    in m.
+    """Return F_y in N, ∂F_y/∂y_b in N/m and ∂F_y/∂p in m². ``B`` is ∂V/∂y in m², and ``bend`` is ∂²V/∂y² in m. The
+    other arguments are as in `vertical_loads`.
     """
     limit = friction_limit(friction, friction_slope, gauge)
     return (
@@ -130,8 +131,10 @@ def compliance_matrix(
     c_y: float,
     p_V: float,
 ) -> tuple[float, float, float, float]:
-    """Return the matrix 1 − C·K of the series connection, row by row. ``p_V`` is −dp/dV in Pa/m³ of the present
-    process.
+    """Return the matrix 1 − C·K of the series connection, row by row. ``A`` and ``B`` are ∂V/∂ζ and ∂V/∂y (m²),
+    ``per_z`` and ``per_y`` are ∂F_z/∂p and ∂F_y/∂p (m²), and ``K_…`` the tangent stiffnesses at constant pressure
+    (N/m). ``c_z`` and ``c_y`` are the compliances of the emergency spring (m/N). ``p_V`` is −dp/dV in Pa/m³ of the
+    present process.
     """
     return (
         1.0 - c_z * (K_zz - per_z * p_V * A),
@@ -151,7 +154,7 @@ def solve_two(a: float, b: float, c: float, d: float, u: float, v: float) -> tup
 @compiled
 def newton_step(a: float, b: float, c: float, d: float, miss_z: float, miss_y: float) -> tuple[float, float]:
     """Return the Newton correction of the vertical and the lateral deflection of the bellows in m, limited to
-    `LONGEST_STEP`.
+    `LONGEST_STEP`. ``a`` to ``d`` are the matrix (`compliance_matrix`), ``miss_z`` and ``miss_y`` the residuals in m.
     """
     z, y = solve_two(a, b, c, d, miss_z, miss_y)
     return min(max(z, -LONGEST_STEP), LONGEST_STEP), min(max(y, -LONGEST_STEP), LONGEST_STEP)
@@ -170,8 +173,8 @@ def tangents(
     K_yy: float,
     p_V: float,
 ) -> tuple[float, float, float, float]:
-    """Return the changes of F_z, F_y, volume and pressure by a small step (z, y) in m, linearised. The change of the
-    volume is that at constant pressure.
+    """Return the linearised changes of F_z, F_y (N), volume (m³) and pressure (Pa) by a small step (z, y) in m. The
+    change of the volume is that at constant pressure. The other arguments are as in `compliance_matrix`.
     """
     V = A * z + B * y
     p = -p_V * V
@@ -203,6 +206,7 @@ def bellows_speeds(
 
     dp/dt = ((κ−1)Ḣ − κ p (∂V/∂ζ ζ̇_b + ∂V/∂y ẏ_b))/(V + κ C_V p). Ḣ is the sum of incoming enthalpy and heat, and
     ``heating`` is (κ−1)Ḣ in W. ``relax_z`` and ``relax_y`` are the rates of the forces by relaxation in N/s.
+    ``compliance`` is C_V; the arguments from ``A`` on are as in `compliance_matrix`.
     """
     per_V = 1.0 / (V + kappa * compliance * p)
     a, b, c, d = compliance_matrix(A, B, per_z, per_y, K_zz, K_zy, K_yy, c_z, c_y, kappa * p * per_V)

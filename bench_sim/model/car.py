@@ -278,8 +278,8 @@ class Ride:
     def lateral_acceleration(self, depth: float = 0.0, gravity: float = 0.0) -> NDArray[np.float64]:
         """Return ÿ + d φ̈ + g φ in m/s², at ``depth`` m below the centre of gravity.
 
-        With ``gravity`` this is the reading of an accelerometer on the inclined floor. Without, it is the acceleration
-        of the motion alone.
+        With the acceleration of ``gravity`` (m/s²) this is the reading of an accelerometer on the inclined floor. With
+        0, it is the acceleration of the motion alone.
         """
         return (
             self.of(RideChannel.LATERAL_ACCELERATION)

@@ -256,8 +256,8 @@ def feed_inputs(e: Any, x: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
 
 @compiled
 def let_air_in(e: Any, x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any) -> None:
-    """Switch the bench's valves, and add their air flow to the derivatives ``dx`` of the auxiliary chambers. Without an
-    input for it, do nothing.
+    """Switch the bench's valves, and add their air flow to the derivatives ``dx`` of the auxiliary chambers. Do nothing
+    if the library has no input for this air flow.
     """
     if e.numbers[Slot.VALVES] == 0:
         return

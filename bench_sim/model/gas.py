@@ -80,8 +80,8 @@ def heat_inward(hS: float, wall: float, T: float) -> float:
 
 @compiled
 def wall_speed(heat: float, wall: float, outer: float, ambient: float, per_capacity: float) -> float:
-    """Return the rate dT_w/dt of the wall temperature in K/s: C_w dT_w/dt = −hS (T_w−T) + (hS)_o (T_amb−T_w).
-    ``per_capacity`` is 1/C_w.
+    """Return the rate dT_w/dt of the wall temperature in K/s: C_w dT_w/dt = −hS (T_w−T) + (hS)_o (T_amb−T_w). ``heat``
+    is hS (T_w−T) in W, ``outer`` is (hS)_o in W/K, and ``per_capacity`` is 1/C_w in K/J.
     """
     return per_capacity * (outer * (ambient - wall) - heat)
 

@@ -2,8 +2,8 @@
 
 ``x`` is the state vector (`State`), ``mem`` the memory record (`quantities.MEMORY`), ``u`` the inputs (`Input`),
 ``par`` the parameter record (`quantities.PARAMETERS`). Discontinuous quantities (valve states, friction reversals,
-delayed set-points) are in ``mem`` and constant within a step. Effects add their terms to `air_spring` or to this
-module.
+delayed set-points) are in ``mem`` and constant within a step. The terms of optional effects (`bench_sim.model.effects`)
+are part of `air_spring` or of this module.
 """
 
 from typing import Any

@@ -126,7 +126,7 @@ def reynolds_per_flow(diameter: float) -> float:
 
 @compiled
 def reynolds_factor(Re: float, k: float) -> float:
-    """Return C_d/C_d∞ = 1/(1 + k/√Re). It is close to 1 − k/√Re at high Re, and positive at a reversal of the flow."""
+    """Return C_d/C_d∞ = 1/(1 + k/√Re), with Re ≥ 1. It is close to 1 − k/√Re at high Re, but never negative."""
     root = sqrt(max(Re, 1.0))
     return root / (root + k)
 

@@ -30,9 +30,10 @@ def load_cell_term(par: Any, out: Any, values: Any) -> None:
 
     F_z = ΣF_k (four vertical cells, compression positive). F_y = F_5 + F_6 (the force of springs and bump stop on the
     bolster). M_x = Σ y_k F_k − z_c F_y about the middle of the platform, where the moment of the springs is Σ (M_i +
-    s_i b F_z,i − h F_y,i). With a seat x_i in front of the middle, and actuators x_l in front of it, Σ x_k F_k = Σ x_i
-    F_z,i + x_l ΣF_a in the vertical cells, and Σ x_i F_y,i in the lateral cells. The weight of the platform is tared.
-    The cells measure its inertia m z̈_P and m ÿ_P (``platen_mass``, 0 in a rig that compensates it).
+    s_i b F_z,i − h F_y,i). With seats x_i and actuators x_l in front of the middle, Σ x_k F_k = Σ x_i F_z,i + x_l ΣF_a
+    for the vertical cells, and Σ x_k F_k = Σ x_i F_y,i for the lateral cells. b is half the distance between the
+    springs, s_i is 1 (left) or −1 (right), h is ``column_height``, z_c is ``load_cell_height``. The weight of the
+    platform is tared. The cells measure its inertia m z̈_P and m ÿ_P (``platen_mass``, 0 in a rig that compensates it).
 
     The balance of forces does not determine the twist a (1, −1, −1, 1) of four supports. It follows from the least
     energy of a rigid platform on supports with (1 + δ_k) times the common compliance: a = (4w − Σ ±_k δ_k F_k) / (4 +
@@ -132,10 +133,12 @@ def curves(mem: Any) -> tuple[float, float]:
 
 @compiled
 def lagged(mem: Any, k: int, value: float, bends: float, twists: float) -> float:
-    """Return y_n = e y_{n−1} + (1 − g) s_n + (g − e) s_{n−1} + ``bends`` b Δ²s_n + ``twists`` c Δ³s_n.
+    """Return the output y_n of the lag of sensor ``k`` for its input s_n = ``value``. The output is not stored.
 
-    The coefficients are those of `prepare_lags`. ``bends`` and ``twists`` are the weights of `curves`, which are
-    computed once for all sensors.
+    y_n = e y_{n−1} + (1 − g) s_n + (g − e) s_{n−1} + ``bends`` b Δ²s_n + ``twists`` c Δ³s_n
+
+    The coefficients are those of `prepare_lags`. ``bends`` and ``twists`` (0 or 1, from `curves`) switch off the
+    differences in the first steps.
     """
     decay = mem.lag_decay[k]
     ramp = mem.lag_ramp[k]

@@ -118,7 +118,7 @@ def shell_pull(
     x: Any, mem: Any, par: Any, side: int, k_z: float, k_y: float, zeta: float, y: float
 ) -> tuple[float, float, float, float]:
     """Return vertical force and stiffness of all relaxing elements in the shell of one bellows (N, N/m), then the
-    lateral ones.
+    lateral ones. ``k_z`` and ``k_y`` (N/m) are the elastic stiffnesses, to which the ratios of the branches refer.
     """
     branch_z, stiff_z = maxwell_pull(x, par, State.VERTICAL_DASHPOT + side * BRANCHES, k_z, zeta)
     branch_y, stiff_y = maxwell_pull(x, par, State.LATERAL_DASHPOT + side * BRANCHES, k_y, y)

@@ -81,8 +81,8 @@ def note_flows(mem: Any, par: Any, out: Any) -> None:
 
 @compiled
 def leveling_latch(lever: float, latch: int, deadband: float, hysteresis: float) -> int:
-    """Return the state of a leveling valve: −1 filling, 0 closed, +1 exhausting. It opens at ``deadband``, and closes
-    at ``deadband`` − ``hysteresis``.
+    """Return the state of a leveling valve: −1 filling, 0 closed, +1 exhausting. The valve opens at a ``lever`` beyond
+    ±``deadband``, and closes at ``deadband`` − ``hysteresis`` (all in m). ``latch`` is its last state.
     """
     if lever > deadband:
         return 1
@@ -118,8 +118,9 @@ def chamber_flow(
     """Return the net flow (kg/s) into a chamber, from the supply and to the atmosphere, and the enthalpy that it
     carries (W).
 
-    ``fill`` and ``exhaust`` are conductances. A check valve prevents flow back into the supply. Through an open exhaust
-    air flows into a chamber below atmospheric pressure.
+    Pressures are absolute (Pa). ``fill`` and ``exhaust`` are sonic conductances in m³/(s·Pa) (ISO 6358), 0 if the valve
+    is closed. A check valve prevents flow back into the supply. Through an open exhaust air flows into a chamber below
+    atmospheric pressure.
     """
     c_p = enthalpy_per_kelvin(par)
     b = par.valve_critical_ratio
@@ -244,8 +245,8 @@ def switch_valves(x: Any, mem: Any, par: Any) -> None:
 def dpv_flow(
     mem: Any, connected: float, p_left: float, T_left: float, p_right: float, T_right: float, par: Any
 ) -> tuple[float, float]:
-    """Return the flow from the left to the right auxiliary chamber in kg/s, and its enthalpy in J/kg. Both are 0
-    unless the valve is connected, and open or leaking.
+    """Return the flow from the left to the right auxiliary chamber in kg/s, and its enthalpy in J/kg. Both are 0 unless
+    the valve is connected (``connected`` is 1, otherwise 0), and open or leaking.
     """
     conductance = (mem.dpv_share * par.dpv_conductance + par.dpv_leak) * min(max(connected, 0.0), 1.0)
     if conductance == 0.0:
@@ -278,7 +279,8 @@ def leak_flow(
     c_p: float,
 ) -> tuple[float, float]:
     """Return the flow to the atmosphere in kg/s, and the enthalpy that it carries in W. An orifice (ISO 6358) and a
-    laminar crack leak in parallel.
+    laminar crack leak in parallel. ``conductance`` is in m³/(s·Pa), ``crack`` in kg/(s·Pa²) (`laminar_between`).
+    ``outside`` (Pa) and ``ambient`` (K) are the state of the atmosphere.
     """
     flow = valve_between(p, T, outside, ambient, conductance, b, laminar)
     flow += laminar_between(p, outside, crack)

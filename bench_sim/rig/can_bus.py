@@ -18,7 +18,7 @@ class Stage:
     """Processes frames between a sender and all receivers: a fault, the bit rate of the bus, or a recording.
 
     A stage owns the block that it receives: it may change the block in place, keep it, or return a longer or shorter
-    one. Times (ns) are on the clock of the time stamps. This base class changes nothing.
+    one. ``now`` is the time (ns) on the clock of the time stamps. This base class changes nothing.
     """
 
     #: Order of the stages, for every sender; stages of equal rank keep the order in which they were added.

@@ -197,7 +197,7 @@ class CanHub:
     the same share. If a client sends more, the hub reads from it later. So a flood of frames delays only its sender,
     and no frame is lost. The commander has a separate share.
 
-    One connection beyond ``clients_max`` is reserved for the client for which ``holds(peer)`` is true.
+    One connection beyond ``clients_max`` is reserved for the holder of the lease (``holds(peer)``).
     """
 
     def __init__(

@@ -37,8 +37,10 @@ def coil_actions(
 
 
 def contacts(supervisor: Supervisor, staged: Callable[[], bool]) -> Mapping[str, Callable[[], bool]]:
-    """Return for each interlock a function that returns whether it is set. ``staged`` returns whether settings are
-    staged.
+    """Return for each interlock a function that returns whether its description in the table of signals applies, such
+    as "the emergency stop is pressed" or "valid commands arrive in time".
+
+    ``staged`` returns whether settings are staged.
     """
     return _of_every(
         Kind.INTERLOCK,

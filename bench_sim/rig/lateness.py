@@ -20,7 +20,8 @@ _LATE_ROW: Final = TABLE.index["rig.late_ticks"]
 
 @compiled
 def count_lateness(values: Any, late: int, pacing: Any) -> int:
-    """Count a tick that begins ``late`` ns after its deadline. Return the events for the supervisor.
+    """Count a tick that begins ``late`` ns after its deadline. Return `Happened.TICK_LOST` with the policy FAULT and a
+    lateness above 0.1 s, otherwise NOTHING.
 
     The counts are signals in ``values`` (by table row). With the policy SKIP, all later deadlines are moved by the
     missed periods.

@@ -142,8 +142,8 @@ class ModbusTcpServer:
     the client receives exception 4, and the loop's exception handler receives the error. ``pieces(response)`` returns
     the pieces of an answer, each with the time (s) since the previous one.
 
-    One connection beyond ``clients_max`` is reserved for the peer for which ``holds(peer)`` is true. A peer for which
-    ``commands(peer)`` is true sends commands on CAN, and has no time limit for silence.
+    One connection beyond ``clients_max`` is reserved for the holder of the lease (``holds(peer)``). The holder has no
+    time limit for silence while it sends commands on CAN (``commands(peer)``).
     """
 
     def __init__(

@@ -194,7 +194,9 @@ class Pace(Stage):
         return self.nodes.setdefault(peer, Node())
 
     def _next(self, now: int) -> bool:
-        """Send one frame over the bus if one begins before ``now``. Return whether there was one."""
+        """Take one frame from the queues if its transmission begins at ``now`` (ns) or before. Return whether there was
+        one. A frame of a node in the state bus off is lost.
+        """
         begin = self._free_at
         if not self._contending:
             if not self._arriving:
@@ -249,7 +251,7 @@ class Pace(Stage):
         return bits
 
     def _recover(self, now: int) -> None:
-        """Return nodes to the bus that have been in the state bus off for long enough."""
+        """Return nodes to the bus that, at ``now`` (ns), have been in the state bus off for long enough."""
         for node in self.nodes.values():
             if node.off_since < 0:
                 continue

@@ -55,7 +55,7 @@ class Host(Protocol):
         """Apply all settings at once. Return whether the bench accepted them."""
 
     def contact(self, name: str) -> bool:
-        """Return the state of an interlock."""
+        """Return whether the description of an interlock applies."""
 
     def read_file(self, number: int) -> Sequence[int]:
         """Return the registers of a file. The result is empty if there is no such file."""

@@ -69,8 +69,9 @@ class Rig:
     """A virtual rig: plant, tick, states, interlocks, and its CAN and Modbus interfaces.
 
     In virtual time call :meth:`run`. In real time :meth:`keep_time` runs the ticks in a separate thread, without the
-    Python interpreter lock, and :meth:`collect` returns the sent frames. Every access to the rig takes ``lock``, which
-    is free between two ticks. Times are on the clock of the rig: tick ``k`` is at ``k`` ms.
+    Python interpreter lock, and :meth:`collect` returns the sent frames. The methods for frames, requests, faults and
+    power take ``lock`` themselves. Hold it to use the parts of a running rig, such as ``faults`` or ``supervisor``.
+    ``lock`` is recursive, and free between two ticks. Times are on the clock of the rig: tick ``k`` is at ``k`` ms.
 
     ``log`` is the number of ticks in real time whose lateness is stored. ``every_tick`` names messages to send in
     every tick; then no other messages are sent (for a load test of the interfaces). ``springs`` of an FMU replace
@@ -426,7 +427,7 @@ class Rig:
         return self._detectors
 
     def contact(self, name: str) -> bool:
-        """Return the state of an interlock."""
+        """Return whether the description of an interlock applies."""
         return self._contacts[name]()
 
     def read_file(self, number: int) -> Sequence[int]:

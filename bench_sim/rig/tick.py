@@ -162,7 +162,9 @@ def _advance_program(c: Any, mem: Any, par: Any, sampling: Any) -> int:
 
 @compiled
 def _opening(mode: int, target: float, pressure: float) -> float:
-    """Return the opening of a service valve, from -1 (exhaust) to 1 (fill). The pressure controller computes it."""
+    """Return the opening of a service valve, from -1 (exhaust) to 1 (fill): the output of a proportional pressure
+    controller with a dead zone. ``target`` and ``pressure`` are in Pa.
+    """
     error = target - pressure
     if math.isnan(error) or abs(error) < _DEAD_ZONE:
         return 0.0
@@ -294,7 +296,9 @@ class Sending(NamedTuple):
 
 @compiled
 def _send(values: Any, sending: Sending, rows: Any, time: int, out: Any, position: int) -> int:
-    """Write one frame for each message in ``rows`` to ``out``. Return the position after the last one."""
+    """Write one frame for each message in ``rows`` to ``out``, with the time stamp ``time`` (ns). Return the position
+    after the last frame.
+    """
     return encode_into(values, rows, time, sending.messages, sending.fields, sending.counters, out, position)
 
 

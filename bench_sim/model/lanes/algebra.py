@@ -43,7 +43,8 @@ _CLOSE: Final = 1e-9
 @compiled
 def look_ahead(w: Any, ahead: float, extra: int) -> None:
     """Predict the deflection of the bellows ``ahead`` s after the start of the step. Sum the displacements of all
-    dash-pots of the rubber, weighted by their stiffness ratios.
+    dash-pots of the rubber, weighted by their stiffness ratios. ``extra`` is the largest number of extra rubber
+    branches in any lane.
     """
     lanes = w.shape[0] // PER_LANE
     for i in range(lanes):

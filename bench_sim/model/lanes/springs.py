@@ -14,7 +14,7 @@ Newton's method in the scalar replay. Friction is switched lane by lane, by the 
 The stiffness of a spring is estimated from the second and the third stage of a step, which are at one instant. The
 difference of their slopes is the Jacobian times half a step times the difference of the slopes of the first two stages.
 So h |λ| is twice the ratio of both differences (Hairer and Wanner, Solving Ordinary Differential Equations II, section
-IV.2). The sums over a run weight the moving parts of the spring. A bench has 0.1 at a step of 2.5 ms.
+IV.2). The sums over a run weight the moving parts of the spring. A bench has h |λ| = 0.1 at a step of 2.5 ms.
 """
 
 from collections.abc import Hashable, Iterable, Sequence
@@ -278,7 +278,9 @@ def move_valves(
 
 @compiled
 def stage(w: Any, size: int, weight: float, ahead: float) -> None:
-    """Add the slopes times ``weight`` to the sum. Set the states to those ``ahead`` s after the start of the step."""
+    """Add the slopes of the first ``size`` states times ``weight`` to the sum. Set these states to those ``ahead`` s
+    after the start of the step.
+    """
     for k in range(size):
         w[SUM + k] += weight * w[SLOPE + k]
         w[STAGE + k] = w[START + k] + ahead * w[SLOPE + k]
@@ -327,11 +329,11 @@ def integrate_lanes(
     joined: bool,
     traces: Any,
 ) -> None:
-    """Integrate all lanes to the end of the longest course with steps of ``dt`` s. ``w`` (LENGTH) holds their
-    columns.
+    """Integrate all lanes to the end of the longest course with steps of ``dt`` s. ``w`` (LENGTH) holds their columns.
 
     Shapes: ``memory``, ``parameters``, ``sides``, ``rows`` (LANES), ``traces`` (LANES, most rows, TRACE). ``courses``
-    and ``valves`` are tuples of the arrays in a `Course`.
+    and ``valves`` are tuples of the arrays in a `Course`. ``surfaces``, ``fed`` and ``joined`` are those of
+    `ActiveTerms`.
     """
     saved = np.empty(LENGTH)
     turned = np.zeros(LANES, np.bool_)

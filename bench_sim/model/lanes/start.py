@@ -170,11 +170,11 @@ def _fill_flow(w: Any, i: int, par: Any, powers: Any) -> None:
 def begin_springs(
     x: Any, memory: Any, parameters: Any, gas: Any, before: Any, powers: Any, columns: Any
 ) -> None:
-    """Compute the state of rest of both springs at the positions in ``x``, and write their ``columns`` (SIDES,
-    LENGTH/LANES).
+    """Compute the state of rest of both springs at the positions in ``x``, and write one column for each spring to
+    ``columns`` (shape (SIDES, LENGTH // LANES)).
 
-    ``memory`` and ``parameters`` are arrays of one element. ``gas`` and ``before`` are those of
-    `bench_sim.model.replay`, and ``powers`` are from `power_coefficients`.
+    ``x`` and ``memory`` are changed. ``memory`` and ``parameters`` are arrays of one element. ``gas`` and ``before``
+    are those of `bench_sim.model.replay`, and ``powers`` are from `power_coefficients`.
     """
     mem = memory[0]
     par = parameters[0]

@@ -26,7 +26,7 @@ _PROTECTION: Final = {message.identifier: message.protection for message in TABL
 
 class FrameFault:
     """A change of frames, in one ``direction`` or both, for one ``message`` or all. ``chance`` is its probability for
-    each frame.
+    each frame, ``seed`` selects the random numbers. ``now`` is the time (ns) on the clock of the time stamps.
     """
 
     def __init__(self, direction: str = BOTH, message: str = ALL, chance: float = 1.0, seed: int = 0) -> None:

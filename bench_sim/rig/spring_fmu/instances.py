@@ -41,8 +41,9 @@ _FREQUENCY: Final = 2.0
 
 
 def shared(path: Path, coupling: Coupling, *, create: bool = False) -> ExternalSprings:
-    """Return the arrays that are stored in the file ``path``. With ``create``, make the file and write all known
-    values.
+    """Return the arrays in the file ``path``, mapped into memory that both processes share.
+
+    With ``create``, create the file first, and write the values that follow from ``coupling``.
     """
     shapes = layout(*coupling.sizes)
     sizes = [int(np.prod(shape)) * np.dtype(kind).itemsize for shape, kind in shapes]

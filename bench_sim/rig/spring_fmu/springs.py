@@ -1,5 +1,5 @@
-"""Springs of a rig that an FMU computes. It is tested in a separate process, then runs there or in the
-rig's process.
+"""Springs of a rig that an FMU computes. The FMU is tested in a separate process, then runs there or in the process of
+the rig.
 """
 
 from __future__ import annotations
