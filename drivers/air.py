@@ -39,7 +39,8 @@ class Air(Device):
         within: float = 2 * minutes,
         tolerance: float = PRESSURE_TOLERANCE,
     ) -> None:
-        """Fill the springs to a pressure (Pa gauge) and wait until it is reached.
+        """Fill the springs to a pressure (Pa gauge) and wait until their pressure is not more than ``tolerance`` (Pa)
+        below it.
 
         ``to`` is for both springs, ``left`` and ``right`` are for one spring each. A spring without a pressure keeps
         its valve positions. The rig continues filling until the next order. Air reaches a bellows only through its
@@ -63,12 +64,13 @@ class Air(Device):
         within: float = 2 * minutes,
         tolerance: float = PRESSURE_TOLERANCE,
     ) -> None:
-        """Vent the springs to a pressure (Pa gauge) and wait until it is reached.
+        """Vent the springs to a pressure (Pa gauge) and wait until their pressure is not more than ``tolerance`` (Pa)
+        above it.
 
-        ``to`` is for both springs, ``left`` and ``right`` are for one spring each. Air leaves a bellows only through
-        its auxiliary chamber. Raises Misuse if this chamber is shut off, and BenchTimeout after ``within`` s. A spring
-        also counts as vented if its bellows pressure stays constant and its auxiliary chamber has reached the target.
-        The bellows transducer then has a zero error.
+        ``to`` is for both springs. With ``left`` or ``right``, only the springs with a given pressure are vented. Air
+        leaves a bellows only through its auxiliary chamber. Raises Misuse if this chamber is shut off, and BenchTimeout
+        after ``within`` s. A spring also counts as vented if its bellows pressure stays constant and its auxiliary
+        chamber has reached the target. The bellows transducer then has a zero error.
         """
         targets = self._targets("vent", to if left is None and right is None else None, left, right)
         self._order("vent", targets)

@@ -58,7 +58,7 @@ class Vertical(Device):
         within: float = 2 * minutes,
         tolerance: float = FORCE_TOLERANCE,
     ) -> None:
-        """Press with the forces ``left`` and ``right`` (N, downward) in force control, and wait until they are
+        """Press with the forces ``left`` and ``right`` (N, downward) in force control, and wait until these forces are
         measured.
 
         The set-points move along ramps of ``rate`` (N/s). Raises BenchTimeout if the forces are not within
@@ -77,7 +77,12 @@ class Vertical(Device):
         within: float | None = None,
         tolerance: float = DISPLACEMENT_TOLERANCE,
     ) -> None:
-        """Move both actuators to ``left`` and ``right`` (m) with ``rate`` (m/s); wait until they are there."""
+        """Move both actuators to ``left`` and ``right`` (m) with ``rate`` (m/s), in displacement control, and wait
+        until they are there.
+
+        Raises BenchTimeout if the displacements are not within ``tolerance`` (m) after ``within`` s (default: the
+        duration of the ramps and `MARGIN`).
+        """
         _mode(self, "displacement")
         targets = {"vertical_left.displacement": left, "vertical_right.displacement": right}
         _move(self._link, targets, rate, within, dict.fromkeys(targets, tolerance))
@@ -106,7 +111,10 @@ class Lateral(Device):
         within: float | None = None,
         tolerance: float = DISPLACEMENT_TOLERANCE,
     ) -> None:
-        """Move to ``displacement`` (m) with ``rate`` (m/s), in displacement control; wait until it is measured."""
+        """Move to ``displacement`` (m) with ``rate`` (m/s), in displacement control, and wait until it is measured.
+
+        ``tolerance`` (m) and ``within`` (s) are as in `Vertical.move_to`.
+        """
         _mode(self, "displacement")
         name = "lateral.displacement"
         _move(self._link, {name: displacement}, rate, within, {name: tolerance})
@@ -119,7 +127,10 @@ class Lateral(Device):
         within: float | None = None,
         tolerance: float = FORCE_TOLERANCE,
     ) -> None:
-        """Push with ``force`` (N), along a ramp of ``rate`` (N/s), in force control; wait until it is measured."""
+        """Push with ``force`` (N), along a ramp of ``rate`` (N/s), in force control, and wait until it is measured.
+
+        ``tolerance`` (N) and ``within`` (s) are as in `Vertical.move_to`.
+        """
         _mode(self, "force")
         _move(self._link, {"lateral.force": force}, rate, within, {"lateral.force": tolerance})
 
@@ -152,7 +163,7 @@ class Platform(Device):
         """Move the given axes to their positions (m, m, rad), and wait until they are there.
 
         Displacements move with ``rate`` (m/s), the roll with ``roll_rate`` (rad/s). An axis without a position does not
-        move.
+        move. ``within`` (s) is as in `Vertical.move_to`.
         """
         straight = {"platform.vertical": vertical, "platform.lateral": lateral}
         lengths = {name: to for name, to in straight.items() if to is not None}

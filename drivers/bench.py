@@ -115,7 +115,8 @@ class Bench(Link):
     def connect(self, within: float = 2 * s) -> None:
         """Open the wiring, become the commander, and start to receive and send.
 
-        Raises MapMismatch, NotCommander or LinkLost on failure. The bench is then closed again.
+        Raises MapMismatch, NotCommander or LinkLost on failure. LinkLost also means that the rig was silent for
+        ``within`` s. The bench is then closed again.
         """
         if self._connected:
             raise Misuse("this bench is connected already; close it first")
@@ -203,7 +204,9 @@ class Bench(Link):
         self._armed = to == "ACTIVE"
 
     def disarm(self, within: float = 10 * s) -> None:
-        """Bring the bench to rest from any state: hold, unload softly, disable. A latched fault is not reset."""
+        """Bring the bench to rest from any state: hold, unload softly, disable. A latched fault is not reset. Raises
+        BenchTimeout if it takes longer than ``within`` s.
+        """
         sequences = self.wiring.sequences
         self._armed = False
         self.commander.freeze()
@@ -219,7 +222,7 @@ class Bench(Link):
 
     def reset(self, within: float = 5 * s) -> None:
         """Reset a latched fault, if there is one; the rig is then in HOLD or DISABLED. Raises RigFault if the emergency
-        stop is pressed.
+        stop is pressed or the reset fails, and BenchTimeout if the rig does not accept a reset within ``within`` s.
         """
         if self.state not in FAULT_STATES:
             return
@@ -302,8 +305,8 @@ class Bench(Link):
             self.wait(latency)
 
     def _reach(self, states: Collection[str], within: float, orders: Collection[Order] = ()) -> None:
-        """Wait until the rig is in one of ``states``. Raises RigFault if a fault occurs first. The text of a time-out
-        error has the ``orders``.
+        """Wait until the rig is in one of ``states``, at most ``within`` s. Raises RigFault if a fault occurs first.
+        The text of a time-out error contains the ``orders``.
         """
         expected = " or ".join(dict.fromkeys(states))
         faults = [state for state in FAULT_STATES if state not in states]

@@ -33,7 +33,9 @@ class Fd:
 def fd_frame(
     identifier: int, data: bytes, time: int = 0, *, extended: bool = False, classic: bool = False
 ) -> Block:
-    """Return a block of one frame for a CAN FD bus, padded with zeros to a valid length; ``classic``: not CAN FD."""
+    """Return a block of one frame for a CAN FD bus at ``time`` (ns), padded with zeros to a valid length. ``classic``:
+    a frame that is not CAN FD.
+    """
     head = frame(identifier, data[:8], time, extended=extended)
     length = next((one for one in FD_LENGTHS if one >= len(data)), 0)
     if len(data) > length:

@@ -81,5 +81,8 @@ class Car(Device):
         link.wait_cycles(STREAM_CYCLES, "rig.program")
 
     def wait_done(self, within: float = 10 * s) -> None:
-        """Wait until the ride has ended with its last wave. Raises RigFault if it ended earlier."""
+        """Wait until the ride has ended with its last wave, at most ``within`` s.
+
+        Raises RigFault if it ended earlier, and BenchTimeout if it has not ended by then.
+        """
         wait_for_the_end(self._link, self.track_waves, within)

@@ -49,7 +49,7 @@ class NotAvailable(BenchError):
 
 
 class WiringError(ValueError):
-    """An invalid wiring. The text names file and key, the value, and a valid one."""
+    """An invalid wiring. The text names file and key, the invalid value, and a valid value."""
 
 
 class Stale(BenchError):

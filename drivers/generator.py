@@ -74,8 +74,8 @@ class Generator(Device):
         """Move ``axis`` through ``cycles`` whole cycles; wait for the end, at most ``margin`` s beyond the duration.
 
         Exactly one amplitude: ``amplitude`` (m) of a displacement, ``roll_amplitude`` (rad) of a roll axis,
-        ``force_amplitude`` (N) of an axis in force control. All waves but the unilateral cosine fade in over the
-        first cycle and out over the last.
+        ``force_amplitude`` (N) of an axis in force control. ``frequency`` is in Hz. All waves but the unilateral cosine
+        fade in over the first cycle and out over the last.
         """
         one = Wave(axis, wave, amplitude, roll_amplitude, force_amplitude, frequency=frequency, cycles=cycles)
         self._start(one)
@@ -157,7 +157,10 @@ class Generator(Device):
         self._link.settings.write({f"generator.{name}": value for name, value in settings.items()})
 
     def wait_done(self, within: float) -> None:
-        """Wait until the program has ended by itself. Raises RigFault if it ended before its last cycle."""
+        """Wait until the program has ended by itself, at most ``within`` s.
+
+        Raises RigFault if it ended before its last cycle, and BenchTimeout if it has not ended by then.
+        """
         wait_for_the_end(self._link, self.cycles, within)
 
     def hold(self) -> None:
@@ -202,7 +205,10 @@ class Generator(Device):
 
 
 def wait_for_the_end(link: Link, cycles: float, within: float) -> None:
-    """Wait until a program of ``cycles`` cycles has ended by itself. Raises RigFault if it ended earlier."""
+    """Wait until a program of ``cycles`` cycles has ended by itself, at most ``within`` s.
+
+    Raises RigFault if it ended earlier, and BenchTimeout if it has not ended by then.
+    """
     link.wait_for_status("rig.program", ENDED, within, "end of the generator's program")
     done = link.readings.value("rig.generator_cycle")
     if not done >= cycles:

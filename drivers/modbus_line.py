@@ -42,7 +42,7 @@ class SharedClient:
 
     ``each``: open the connection for each request. This is set automatically if the device closes it after each answer.
     ``echo``: only a reply with the unit and transaction number of the request is an answer. Callers of `execute`,
-    `lose` or `hang_up` hold the lock.
+    `lose` or `hang_up` must hold ``lock``.
     """
 
     def __init__(self, client: Client, where: str, *, each: bool = False, echo: bool = True) -> None:

@@ -72,8 +72,10 @@ class Readings:
         return self.glimpse(name) if self._limits[self._table.index[name]] else self._polled(name)
 
     def glimpse(self, name: str) -> float:
-        """Return the value (SI) of the latest sample, NaN if it is stale. Unlike `value`, it is for other threads: the
-        message of a failed wait does not list this reading.
+        """Return the value (SI) of the latest sample, NaN if it is stale.
+
+        Unlike `value`, this does not store that the signal was read, so the message of a failed wait does not list the
+        signal. Other threads therefore use it.
         """
         row = self._table.index[name]
         value, time = self._receiver.latest(row)

@@ -42,8 +42,9 @@ class Receiver:
         self.rates: dict[str, float] = {}
 
     def receive(self, times: Ints, rows: Ints, values: Floats, fresh: Ints | int) -> None:
-        """Store samples, and pass them to captures and the sink. Their age counts from the time ``fresh`` (ns), one for
-        each sample or one for all.
+        """Store samples (times in ns, table rows, SI values), and pass them to captures and the sink.
+
+        The age of a sample counts from the time ``fresh`` (ns), one for each sample or one for all.
         """
         with self._lock:
             self._latest[rows] = values
@@ -109,7 +110,9 @@ class Capture:
         self._receiver.stop(self)
 
     def receive(self, times: Ints, rows: Ints, values: Floats) -> None:
-        """Store samples of the captured signals; called by the receiver with samples of any signals."""
+        """Store samples (times in ns, table rows, SI values) of the captured signals. The receiver calls this with
+        samples of any signals.
+        """
         self._size += times.size
         if self._size <= CAPTURE_SAMPLES_MAX:
             self._blocks.append((times, rows, values))

@@ -99,8 +99,8 @@ def _release(setpoints: Any, row: int) -> None:
 
 @entry
 def change(setpoints: Any, mutex: int, rows: Any, values: Any) -> None:
-    """Set the set-points ``rows`` to ``values`` (SI) together from the next cycle on; ``mutex`` is the address of their
-    mutex.
+    """Set the set-points ``rows`` to ``values`` (SI) together from the next cycle on. Lock the mutex at address
+    ``mutex`` meanwhile.
     """
     lock_mutex(mutex)
     for k in range(rows.size):
@@ -111,7 +111,8 @@ def change(setpoints: Any, mutex: int, rows: Any, values: Any) -> None:
 
 @entry
 def depart(setpoints: Any, mutex: int, rows: Any, ends: Any, pace: float) -> float:
-    """Start ramps from the present set-points ``rows`` to ``ends``, with ``pace`` (SI per cycle).
+    """Start ramps from the present set-points ``rows`` to ``ends``, with ``pace`` (SI per cycle). Lock the mutex at
+    address ``mutex`` meanwhile.
 
     Returns the number of cycles of the longest ramp. Returns NaN, without a change, if a set-point has no value yet.
     """
@@ -136,7 +137,8 @@ def depart(setpoints: Any, mutex: int, rows: Any, ends: Any, pace: float) -> flo
 
 @entry
 def play(setpoints: Any, mutex: int, rows: Any, offsets: Any) -> bool:
-    """Play ``offsets`` (SI, rows × cycles) relative to the present set-points ``rows``, one column each cycle.
+    """Play ``offsets`` (SI, rows × cycles) relative to the present set-points ``rows``, one column each cycle. Lock the
+    mutex at address ``mutex`` meanwhile.
 
     Returns False, without a change, if one of them has no value yet.
     """
@@ -161,7 +163,7 @@ def play(setpoints: Any, mutex: int, rows: Any, offsets: Any) -> bool:
 
 @entry
 def stay(setpoints: Any, mutex: int) -> None:
-    """Stop all ramps and the waveform at their present values."""
+    """Stop all ramps and the waveform at their present values. Lock the mutex at address ``mutex`` meanwhile."""
     lock_mutex(mutex)
     setpoints.waveform[0].playing = 0
     for row in range(setpoints.ramps.size):

@@ -113,11 +113,11 @@ class Settings:
             clock.sleep_until(clock.now() + round(self._wiring.capabilities.latency * NS))
 
     def contact(self, name: str) -> bool:
-        """Return whether a contact of the interlocks is on."""
+        """Return whether the description of an interlock applies."""
         return self.reading(name) == 1
 
     def contacts(self) -> dict[str, bool]:
-        """Return whether each contact of the interlocks that the rig has is on, by name."""
+        """Return for each interlock of the rig, by name, whether its description applies."""
         contacts = self._read(self._present(Kind.INTERLOCK))
         return {name: on == 1 for name, on in contacts.items()}
 

@@ -96,7 +96,7 @@ class StampClock:
         return dated
 
     def _raised(self, offset: int, lag: int, arrived: int) -> int:
-        """Return ``offset``, or a larger one if all lags of the window were larger."""
+        """Return ``offset`` (ns), or a larger one if all lags in the window before ``arrived`` (ns) were larger."""
         self._frames += 1
         self._least = min(self._least, lag)
         if arrived - self._begin < _WINDOW or self._frames < _FRAMES:

@@ -87,7 +87,7 @@ class Waveform(Device):
     def wait_done(self, within: float) -> None:
         """Wait until all cycles are sent and have taken effect; an error stops the waveform at its present position.
 
-        Raises Misuse if a set-point was given another value in the meantime.
+        Raises Misuse if a set-point was given another value in the meantime, and BenchTimeout after ``within`` s.
         """
         link = self._link
         played = link.commander.played

@@ -24,7 +24,9 @@ class Wire:
 
     @classmethod
     def on(cls, descriptor: int, *, lines: bool) -> Wire:
-        """Return the wire of a socket's ``descriptor``."""
+        """Return the wire that writes to the socket with this file ``descriptor``: ``lines`` of socketcand, else struct
+        can_frame.
+        """
         return cls(np.array([descriptor], np.int64), Mutex(), lines)
 
     @property

@@ -41,7 +41,7 @@ class Frames:
         self._order: np.ndarray | None = None
 
     def add(self, time: int, kind: Kind, data: bytes, place: int) -> None:
-        """Append a frame."""
+        """Append a frame received at ``time`` (ns). ``place`` is the number of its line or frame in the file."""
         self.times.append(time)
         self.places.append(place)
         self.which.append(self.kinds.setdefault(kind, len(self.kinds)))

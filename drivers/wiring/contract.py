@@ -133,7 +133,9 @@ class Outlet(ABC):
 
     @abstractmethod
     def send(self, values: Floats, time: int) -> None:
-        """Send set-points: ``values`` (SI) by table row, NaN if not set yet. Raises LinkLost on failure."""
+        """Send set-points: ``values`` (SI) by table row, NaN if not set yet. ``time`` is the time of the cycle (ns).
+        Raises LinkLost on failure.
+        """
 
     def send_cyclic(self, stream: CyclicStream) -> Task | None:
         """Send on every cycle from now on, in compiled code that does not wait for the interpreter.
@@ -145,7 +147,7 @@ class Outlet(ABC):
 
 @runtime_checkable
 class CyclicPort(Protocol):
-    """A CAN port of a simulated bus that runs the cycle itself."""
+    """A CAN port of a simulated bus, which sends the frames of every cycle by itself."""
 
     def send_cyclic(self, cycle: Cycle, stream: CyclicStream) -> Task | None:
         """Send the frames of ``cycle`` at the times of ``stream`` from now on. Returns None if it cannot."""
@@ -313,7 +315,8 @@ class Transport(ABC):
 
     @abstractmethod
     def stream(self, points: Mapping[str, float], time: int) -> None:
-        """Take the present value of streamed points; the transport sends them at the rig's own rate.
+        """Take the present value of streamed points; the transport sends them at the rig's own rate. ``time`` is the
+        time of the cycle (ns).
 
         It is called at each cycle of the set-points. A call without points keeps the heartbeat of this transport
         running while another transport carries the set-points.

@@ -277,7 +277,9 @@ class DescribedWiring(Outlet):
             self._streaming.begin(self._clock)
 
     def send(self, values: Floats, time: int) -> None:
-        """Stream set-points (SI, by table row, NaN if not set) with the offsets of the player."""
+        """Stream set-points (SI, by table row, NaN if not set) with the offsets of the player. ``time`` is the time of
+        the cycle (ns).
+        """
         offsets: Mapping[int, float] = {}
         with self._lock:
             self._setpoints = values.copy()
@@ -469,12 +471,14 @@ class _SignalNews:
         self._news: set[str] = set()
 
     def receive(self, point: str, time: int, number: float) -> None:
-        """Store a new value of one of the points."""
+        """Store a new value of one of the points, received at ``time`` (ns)."""
         self._last[point] = time, number
         self._news.add(point)
 
     def value(self, time: int) -> float | None:
-        """Return the SI value if all points are new, NaN if one of them has become stale; otherwise None."""
+        """Return None until all points have a new value. Then return the SI value, or NaN if one of the values is stale
+        at ``time`` (ns).
+        """
         if len(self._news) < len(self._source.points):
             return None
         self._news.clear()
@@ -504,7 +508,8 @@ class Sources:
                 self._by_point.setdefault(point, []).append(news)
 
     def samples(self, prefix: str, time: int, points: Mapping[str, float]) -> dict[int, float]:
-        """Store ``points``, named without their ``prefix``, and return the new values (SI) by table row.
+        """Store ``points``, named without their ``prefix`` and received at ``time`` (ns). Return the new values (SI) by
+        table row.
 
         A signal of several points is new when the last of them has arrived.
         """

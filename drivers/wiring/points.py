@@ -44,7 +44,7 @@ class Points:
         return found
 
     def await_values(self, points: Sequence[str], clock: Clock, deadline: int) -> dict[str, float]:
-        """Return points once all have a value, NaN for those without one at the deadline."""
+        """Return points once all have a value, or at the ``deadline`` (ns), then with NaN for those without a value."""
         while True:
             values = self.read(points)
             if not any(map(math.isnan, values.values())) or clock.now() >= deadline:
@@ -52,7 +52,9 @@ class Points:
             clock.sleep_until(min(deadline, clock.now() + LOOK))
 
     def await_news(self, rig: str, clock: Clock, deadline: int, within: float) -> None:
-        """Wait for input on every transport that receives without request. Raises LinkLost at the deadline."""
+        """Wait for input on every transport that receives without request. Raises LinkLost at the ``deadline`` (ns);
+        its text states the time ``within`` (s).
+        """
         for name, transport in self._transports.items():
             while transport.period > 0 and math.isinf(transport.alive()):
                 if clock.now() >= deadline:

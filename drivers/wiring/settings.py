@@ -26,11 +26,13 @@ class PointSettings:
         self._known = {name: setting.initial for name, setting in self._settings.items()}
 
     def await_reported(self, clock: Clock, deadline: int) -> None:
-        """Wait until every setting was reported once. A setting that is never reported stays unknown."""
+        """Wait until every setting was reported once, or until the ``deadline`` (ns). A setting that is never reported
+        stays unknown.
+        """
         self._points.await_values([one.read for one in self._settings.values() if one.read], clock, deadline)
 
     def source(self, name: str) -> tuple[str, ...]:
-        """Return the points that report a setting; none if it is remembered."""
+        """Return the points that report a setting, or () if the rig does not report it."""
         read = self._settings[name].read
         return (read,) if read else ()
 
@@ -42,7 +44,9 @@ class PointSettings:
         return one.conversion.si(numbers[one.read]) if one.read else self._known[name]
 
     def write(self, values: Mapping[str, float], clock: Clock | None) -> None:
-        """Write ``values`` (SI) and wait for confirmation. Without it, restore the old values and raise Refused."""
+        """Write ``values`` (SI) and wait for confirmation. Without confirmation, restore the old values and raise
+        Refused.
+        """
         numbers = {name: self._number(name, value) for name, value in values.items()}
         written = {name: number for name, number in numbers.items() if number is not None}
         before = self._present_numbers(written)

@@ -53,9 +53,11 @@ class Streaming:
     def send(
         self, values: Floats, offsets: Mapping[int, float], time: int, *, active: bool
     ) -> BenchError | None:
-        """Stream set-points (SI, by table row, NaN where nothing is set) with ``offsets``; return an error or None.
+        """Stream set-points (SI, by table row, NaN where nothing is set), with ``offsets`` (SI, by table row) added to
+        them.
 
-        A refusal is an error if it lasts while the rig is ``active``.
+        ``time`` is the time of the cycle (ns). Return an error, or None. A refusal is an error if it lasts longer than
+        `_REFUSED_FOR` while the rig is ``active``.
         """
         self._active_since = min(self._active_since, time) if active else _NEVER
         if not self.commanded:
@@ -86,7 +88,9 @@ class Streaming:
         return None
 
     def _numbers(self, values: Floats, offsets: Mapping[int, float]) -> dict[str, dict[str, float]]:
-        """Return the rig's numbers by point, for each transport. Set-points without a value are left out."""
+        """Return the rig's numbers by point, for each transport. ``offsets`` (SI, by table row) are added to the
+        ``values``. Set-points without a value are left out.
+        """
         table = self._description.table
         streams: dict[str, dict[str, float]] = {name: {} for name in self._transports}
         for name, target in self._description.setpoints.items():

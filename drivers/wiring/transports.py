@@ -39,7 +39,8 @@ def open_transport(
 
     ``where`` is the directory for relative paths, ``functions`` the Python file of the description, if any. ``port``
     opens a CAN or Modbus port that replaces the described one, for example in memory. ``streamed`` are the points of
-    set-points. Raises WiringError with the key, its value and a valid one.
+    set-points, which have no value until a command sets them. Raises WiringError with the key, its value and a valid
+    value.
     """
     kind = table.get("kind")
     if not isinstance(kind, str) or not (kind in KINDS or ":" in kind):
@@ -75,8 +76,9 @@ def open_all(
 ) -> dict[str, Transport]:
     """Return all transports of the file ``where`` that have points, by name, not yet connected.
 
-    ``points`` are the points that the lines of the file name: key, TRANSPORT.POINT, and whether it is written. Raises
-    WiringError with all invalid transports and all missing points.
+    ``points`` are the points that the lines of the file name: key, TRANSPORT.POINT, and whether the point is written.
+    ``functions``, ``ports`` and ``streamed`` (both by transport) are those of `open_transport`. Raises WiringError with
+    all invalid transports and all missing points.
     """
     found: dict[str, Transport] = {}
     with AllAtOnce() as wrong:

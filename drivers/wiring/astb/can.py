@@ -129,7 +129,9 @@ class AstbOutlet(Outlet):
         self._encoder.bind(token)
 
     def send(self, values: Floats, time: int) -> None:
-        """Encode ``values`` (SI, by table row) and send them through the port; used if compiled code cannot send."""
+        """Encode ``values`` (SI, by table row) and send them through the port, with the time stamp ``time`` (ns). Used
+        if compiled code cannot send.
+        """
         self._port.send(self._encoder.encode(values, self._rows, time))
 
     def send_cyclic(self, stream: CyclicStream) -> Task | None:

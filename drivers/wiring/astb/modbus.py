@@ -158,7 +158,7 @@ class AstbRegisters:
         return f"{text} (Modbus exception {refused.code})" if text else str(refused)
 
     def contacts(self) -> dict[str, bool]:
-        """Return whether each contact of the interlocks is on, by name, read in one request."""
+        """Return for each interlock, by name, whether its description applies, read in one request."""
         first = min(register.address for register in self._contacts.values())
         bits = self._port.read_discrete(first, len(self._contacts))
         return {name: bits[register.address - first] for name, register in self._contacts.items()}
@@ -194,7 +194,7 @@ class AstbRegisters:
         return dict.fromkeys(names, math.nan) | self._one_step(here)
 
     def contact(self, name: str) -> bool:
-        """Return whether a contact of the interlocks is on."""
+        """Return whether the description of an interlock applies."""
         return self._port.read_discrete(self._contacts[name].address, 1)[0]
 
     def reading(self, name: str) -> float:

@@ -236,7 +236,7 @@ class AstbTransport:
         self.registers.write(values)
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
-        """Read settings in force, contacts and readings through Modbus."""
+        """Read active settings, contacts and readings through Modbus. Return them (SI) by name."""
         return self.registers.read(names)
 
     def act(self, name: str) -> None:
@@ -261,7 +261,9 @@ class AstbTransport:
         )
 
     def identity(self) -> str:
-        """Return as text the signal table of the rig, and the holder of the lease."""
+        """Return as text which signal table the rig uses (its hash, or the difference to ours), and who holds the
+        lease.
+        """
         table = self.differs or f"table of signals {self._table.map_hash:#010x}"
         return f"{table}; held by {self.registers.holder_text()}"
 

@@ -65,9 +65,11 @@ class Reception:
         return found
 
     def _from_its_source(self, message: Message, identifier: int, exact: bool, time: int) -> bool:
-        """Return whether a frame comes from the accepted source address; another address is another device.
+        """Return whether a frame received at ``time`` (ns) comes from the accepted source address; another address is
+        another device.
 
-        Without a stated address, the first source is accepted until it stops.
+        Without a stated address, the first source is accepted until it stops. A frame with exactly the described
+        identifier (``exact``) replaces it.
         """
         source = j1939.source_of(identifier)
         if message.keys.source is not None:

@@ -406,7 +406,9 @@ class CanTransport(Transport):
                 self._send([message.encode(page)], [message])
 
     def stream(self, points: Mapping[str, float], time: int) -> None:
-        """Store values of points for the next frames of their messages; NaN keeps the previous value."""
+        """Store values of points for the next frames of their messages; NaN keeps the previous value. ``time`` is the
+        time of the cycle (ns).
+        """
         taken = self._taken({name: value for name, value in points.items() if not math.isnan(value)})
         self._listener.check()
         with self._lock:

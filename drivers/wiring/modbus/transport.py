@@ -291,7 +291,9 @@ class ModbusTransport(Transport):
             self._writer.write(coded, partial(self._send_request, patient=patient))
 
     def stream(self, points: Mapping[str, float], time: int) -> None:
-        """Take values that are written with the next cycle of the stream; NaN keeps the previous value."""
+        """Take values that are written with the next cycle of the stream; NaN keeps the previous value. ``time`` is the
+        time of the cycle (ns).
+        """
         self._listener.check()
         news = {}
         for name, value in points.items():

@@ -318,7 +318,8 @@ class OpcUaTransport(Transport):
         return whole
 
     def stream(self, points: Mapping[str, float], time: int) -> None:
-        """Take values that are written with the next period; NaN keeps the previous value.
+        """Take values that are written with the next period; NaN keeps the previous value. ``time`` is the time of the
+        cycle (ns).
 
         Raises ValueError for a value that does not fit. The first value of a point is not checked here, because its
         type is not yet known.
