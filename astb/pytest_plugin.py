@@ -53,7 +53,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.fixture(scope="session")
 def _rig_and_path(pytestconfig: pytest.Config) -> "Iterator[tuple[RigFile, Path]]":
-    """The rig file and its path; a simulated rig in real time that does not answer runs while the session lasts."""
+    """The rig file and its path. If a simulated rig in real time does not answer, it is started, and stopped at the end
+    of the session.
+    """
     from astb.rig_file import RigFileError, find_rig
     from astb.session import answers, started
 

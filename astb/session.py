@@ -67,9 +67,9 @@ class Session:
 
 
 def simulated_parameters(simulation: Simulation) -> "Parameters":
-    """Return the parameter set of the rig file, without its sealed effects.
+    """Return the parameter set of the rig file, without its sealed effects (hidden from the user for blind tests).
 
-    Raises ParameterError with name, value, unit and correct form.
+    Raises ParameterError, with name, value, unit and correct form, for an invalid parameter or effect.
     """
     parameters = with_changes(load(simulation.parameters), read_changes(simulation.change))
     effects = {name: read_effect_text(name, text) for name, text in simulation.effects.items()}
@@ -285,8 +285,9 @@ def dimensions_of(rig: RigFile, path: Path) -> "Dimensions":
 
 
 def instruments_of(rig: RigFile, path: Path) -> "Instruments":
-    """Return the instruments of ``rig``, whose file is ``path``: a simulated one has those of the virtual bench. Raises
-    RigFileError for a wrong file of instruments. The instruments of a real rig without such a file are unknown.
+    """Return the instruments of ``rig``, whose file is ``path``: those of its file of instruments. A simulated rig
+    without such a file has those of the virtual bench; those of a real one are unknown. Raises RigFileError for a wrong
+    file of instruments.
     """
     if not rig.instruments:
         return ordinary() if rig.simulation else UNKNOWN

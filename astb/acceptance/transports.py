@@ -192,7 +192,7 @@ def _unknown_points(subject: Subject) -> None:
 
 
 def _no_answer(subject: Subject) -> None:
-    """If no rig answers, connect raises LinkLost in time and reports no loss."""
+    """If no rig answers, connect raises LinkLost within the time limit, and does not report a lost link."""
     if subject.nobody is None:
         raise _Skipped("the subject does not define `nobody`")
     transport, listener = subject.nobody(), _Listener(subject.clock)

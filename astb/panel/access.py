@@ -140,8 +140,8 @@ class Patience:
         return max(wait, 0.0)
 
     def forgive(self, client: str) -> None:
-        """Delete the tries of a client that has shown the right token. Of the tries of all together, only one is
-        deleted.
+        """Delete the tries of a client that has shown the right token. In the common count of all clients, only one try
+        is deleted.
         """
         self._due.pop(client, None)
         self._due[""] = self._due.get("", 0) - round(_ALL[0] * NS)
@@ -202,8 +202,8 @@ class Access:
         return self.taken and page == self._page
 
     def take_seat(self, page: str, *, from_other: bool = False) -> bool:
-        """Give the seat to a page if the seat is free, if the page has it already, or if it may take it ``from_other``
-        pages. Return whether the page has the seat. A page without a name gets none.
+        """Give the seat to a page if the seat is free or if the page has it already; with ``from_other`` in any case.
+        Return whether the page has the seat. A page without a name gets none.
         """
         if page and (from_other or not self.taken or page == self._page):
             self._page, self._last_seen = page, self._clock.now()

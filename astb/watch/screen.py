@@ -48,7 +48,7 @@ def lines(deviation: Deviation, word: str) -> list[str]:
 
 
 class Screen:
-    """Prints lines. On a terminal, it also shows the last block of each reading below them."""
+    """Prints lines. On a terminal, it also shows below them a table of the latest mean of each reading."""
 
     def __init__(self) -> None:
         self._console = open_console()

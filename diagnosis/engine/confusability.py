@@ -2,9 +2,9 @@
 
 Theory of operation
 -------------------
-Both follow from the projected footprints of step 4 and do not depend on the measured outputs. If the footprints of two
-effects have a cosine ρ and one is fitted instead of the other, their BIC differs by about λ²(1 − ρ²). Below 10 the pair
-is called inseparable (`confusability`).
+Both follow from the projected footprints of step 4 and do not depend on the measured outputs. λ is the expected score
+of an effect (`screening.py`). If the footprints of two effects have a cosine ρ and one is fitted instead of the other,
+their BIC differs by about λ²(1 − ρ²). If this is below 10, the pair is called inseparable (`confusability`).
 
 For an effect that was not found, `unseen` adds it to the present residual in the linear model around the fit. There its
 λ adds to its present score, of either sign. The sum must pass the gates of step 6: the threshold, the penalty of its
@@ -43,8 +43,9 @@ def confusability(screening: Screening) -> Confusability:
     """Return the cosines between the footprints of all pairs of effects. For each pair, use the points of their grids
     with the largest cosine.
 
-    λ is computed for an effect as large as its prior spread. If another effect is fitted instead of it, the predicted
-    BIC gap is λ²(1 − cosine²). Below 10 the pair is called inseparable.
+    The score λ of each effect is computed for an amplitude of one prior spread (`typical`). If one effect is fitted
+    instead of the other, the predicted BIC gap is λ²(1 − cosine²), with the smaller λ of the two. If this gap is below
+    10, the pair is called inseparable.
     """
     names = list(dict.fromkeys(c.effect.name for c in screening.candidates))
     places = {n: [i for i, c in enumerate(screening.candidates) if c.effect.name == n] for n in names}

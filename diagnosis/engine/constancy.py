@@ -49,8 +49,8 @@ def owed_to_form(model: FittedModel, accepted: Sequence[Accepted]) -> tuple[str,
 
 
 def inconstancy(model: FittedModel, effect: str) -> float:
-    """Return how much χ² a separate amplitude in each stretch explains beyond the value for rigs without hidden
-    effects; 0 if not significant.
+    """Return by how much χ² decreases if each stretch has its own amplitude, minus the usual decrease on rigs without
+    hidden effects; 0 if not significant.
     """
     scatter = model.replay.simulator.catalogue[effect].overdispersion
     found = 0.0
@@ -61,8 +61,8 @@ def inconstancy(model: FittedModel, effect: str) -> float:
 
 
 def changes(model: FittedModel, effect: str) -> list[tuple[float, float]]:
-    """Return two numbers for each division of the runs into stretches: the χ² that separate amplitudes explain, and its
-    mean by chance.
+    """Return two numbers for each division of the runs into stretches: the decrease of χ² if each stretch has its own
+    amplitude, and the decrease expected by chance.
     """
     linearisation = model.linearisation
     directions = _directions(linearisation, effect)
@@ -114,7 +114,7 @@ def _merged(values: Array, parts: int) -> Array:
 
 
 def _explained(directions: Array, products: Array, known: Array) -> tuple[float, float]:
-    """Return the χ² that the directions (2, k) explain in a stretch, and its mean by chance.
+    """Return the decrease of χ² by the directions (2, k) in a stretch, and the decrease expected by chance.
 
     ``products`` (k, 3) are those of `_stretches`; ``known`` (k, k) is the covariance of the fitted numbers.
     """

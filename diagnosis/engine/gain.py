@@ -8,7 +8,7 @@ of the explainable error, (RMSE0² − RMSE1²)/(RMSE0² − floor²), because n
 a bootstrap of runs, or of blocks if there are few runs.
 
 The other results are the coverage of the predictions, curves for drawings, and the shift of each base parameter in
-standard deviations of the base model. These show that the uncertainties of a model with a missing cause are wrong.
+standard deviations of the base model. The shifts show that the uncertainties of a model with a missing cause are wrong.
 """
 
 from __future__ import annotations
@@ -209,7 +209,9 @@ def _trace(channel: Channel, arms: _Arms, errors: Sequence[Sequence[Array]], c: 
 
 
 def _extremes(values: Array, edges: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Array:
-    """Return minimum and maximum in turn (2 bins,) of the finite values between ``edges``."""
+    """Return minimum, maximum, minimum, … of the finite values: two numbers for each bin. The bins begin at the
+    ``edges``.
+    """
     return np.column_stack((np.fmin.reduceat(values, edges), np.fmax.reduceat(values, edges))).ravel()
 
 

@@ -9,8 +9,8 @@ directions counts; with several rivals, that of the pair that the run separates 
 1965, Buzzi-Ferraris and Forzatti 1983). The gap per minute of the rig ranks the menu.
 
 A base parameter may imitate the difference of two rivals. Then no run of the same kind helps, but a separate
-measurement of that parameter does, for example a calibration. `sensors` fixes one parameter after the other and returns
-the resulting gap on the existing runs.
+measurement of that parameter does, for example a calibration. `sensors` fixes each parameter in turn, alone, and
+returns the gap that results on the existing runs.
 """
 
 from __future__ import annotations

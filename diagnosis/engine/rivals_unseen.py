@@ -1,5 +1,5 @@
-"""Step 8, undecided rivals: on the fit runs their fit differs clearly from that of a cause, but they predict unseen
-runs equally well.
+"""Step 8, undecided rivals: on the fit runs they fit clearly worse than a cause, but they predict unseen runs equally
+well.
 
 Theory of operation
 -------------------
@@ -12,8 +12,8 @@ can hide that only the pressures distinguish a slow clock from a delay.
 A similar effect in the same model can also be a rival. For example, friction that reverses between two samples and a
 lag of the force both round the corner of a loop. Together with a lag, the presliding travel of the friction is below
 the resolution of the samples; without the lag, the presliding travel explains the rounding. So for two similar effects
-(confusers) in the model, the model without one of them is a rival if this one gains nothing on unseen runs and one of
-the two has a parameter below the resolution (`intervals.py`).
+(confusers) in the model, the model without one of them is a rival if the omitted effect gains nothing on unseen runs,
+and if either of the two has a parameter below the resolution (`intervals.py`).
 """
 
 from __future__ import annotations
@@ -100,8 +100,8 @@ def _confusers_present(
     hypotheses: Mapping[str, Hypothesis],
     left: Remainder,
 ) -> Iterator[Undecided]:
-    """Yield the confusers of an effect that are in the same model. The effect must gain nothing, and one of the two
-    must have an unresolved parameter.
+    """Yield the confusers of an effect that are in the same model. The effect must gain nothing on unseen runs, and
+    either it or the confuser must have an unresolved parameter.
     """
     if left.gained(accepted.effect) >= NO_GAIN:
         return

@@ -132,9 +132,7 @@ class ScreenedModel:
 
 
 def signs(effects: Sequence[Hypothesis], scores: Array) -> Array:
-    """Return ±1 (m,): the sign by which a score is multiplied so that it is positive. For a one-sided effect it is the
-    physical sign.
-    """
+    """Return ±1 (m,): the physical sign of a one-sided effect, otherwise the sign of the score."""
     physical = [0.0 if not e.one_sided else 1.0 if e.amplitude.low >= 0.0 else -1.0 for e in effects]
     return np.where(np.array(physical) == 0.0, np.where(scores < 0.0, -1.0, 1.0), physical)
 
@@ -148,7 +146,8 @@ def fit_and_screen(
     steps: int = FIT_STEPS,
     last: bool = False,
 ) -> ScreenedModel:
-    """Estimate the noise around a model, fit the model under it, and score every candidate against it.
+    """Estimate the noise from the residual of a model, fit the model under this noise, and score every candidate
+    against the fitted model.
 
     If this is the ``last`` use of the footprints, their memory is released.
     """

@@ -20,7 +20,9 @@ _TO_AND_FRO: Final = 4.0
 
 
 class Carried(NamedTuple):
-    """The settings of the gas (SI), and the index of the sample of the earlier stretch at which they are valid."""
+    """The state of the gas (pressures and temperatures, SI) at a sample of the earlier stretch, and the index of this
+    sample.
+    """
 
     sample: int
     gas: dict[str, float]

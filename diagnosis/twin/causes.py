@@ -126,7 +126,9 @@ def explanations(
 
 
 def _with_joint_interval(ranked: Sequence[SizedCause]) -> SizedCause:
-    """Return the first of the ranked causes. Its intervals include those of all causes that explain as much."""
+    """Return the first of the ranked causes. Its intervals include those of all causes of its form that explain about
+    as much (χ² within `POSSIBLE`).
+    """
     best = ranked[0]
     possible = [one for one in ranked if one.left <= best.left + POSSIBLE and one.form is best.form]
     return best._replace(

@@ -190,7 +190,9 @@ class Forms:
         return [one for one in tried if one]
 
     def best(self, form: Form, tried: Sequence[Shaped]) -> tuple[Shaped, list[Shaped]]:
-        """Refine the ``tried`` fits of a form. Return the best fit, and all fits that explain as much."""
+        """Refine the ``tried`` fits of a form. Return the best fit, and all fits with a χ² at most `POSSIBLE` above
+        that of the best one.
+        """
         every = list(tried)
         for reach in _CLOSER if form is Form.GROWING else _SHARPER:
             every += self._closer(form, min(every, key=left_by), reach)
@@ -237,7 +239,7 @@ def left_by(one: Shaped) -> float:
 
 
 def suspect(name: str, form: Form, best: Shaped, alike: Sequence[Shaped], last: int) -> SizedCause:
-    """Return a cause with the best form. Its intervals cover all forms that explain as much (``alike``)."""
+    """Return a cause with the best form. Its intervals cover the forms ``alike``, which explain about as much."""
     return SizedCause(
         name,
         best.fit.size,

@@ -38,8 +38,8 @@ class Acting(NamedTuple):
 
 
 class _Two(NamedTuple):
-    """Two causes: the effect of each per unit of size (n, c), their fits, and for each the interval of starts that
-    explain as much.
+    """Two causes: the effect of each per unit of size (n, c), their fits, and for each the interval of start bins with
+    which it explains about as much as with the best one.
     """
 
     acting: tuple[Acting, Acting]

@@ -138,7 +138,9 @@ def passes(train_speed: float) -> float:
 
 
 def holds(run: Run, load: str) -> float:
-    """Return the force (N) that moves the softest springs within the limits as far as the bump stop."""
+    """Return the lateral force (N) that moves the bolster to its bump stop if the springs are as soft as their limits
+    allow.
+    """
     soft = run.specimen.load(load).limits.curve("crosswind_gust.stiffness", "kN/m")
     return (soft[max(soft)].low or 0.0) * run.rig["stop_gap"]
 
@@ -297,7 +299,9 @@ def _numbers(at: Samples, area: float, rig: Rig, values: Mapping[str, Samples]) 
 
 
 def _settling(at: Samples, y: Samples) -> float:
-    """Return the time after the middle of the gust (s) until the shear stays at its value under the mean wind."""
+    """Return the time (s) from the middle of the gust until the shear stays near its value under the mean wind, within
+    the fraction `SETTLED` of its largest excess.
+    """
     blown = y[_during(at, MIDDLE + MEAN - SMOOTH)].mean()
     unsettled = np.abs(y - blown) > SETTLED * (y.max() - blown)
     return float(at[np.flatnonzero(unsettled & (at < MIDDLE + MEAN))[-1]] - MIDDLE)

@@ -1,4 +1,4 @@
-"""Stochastic crosswind: a wind with von Kármán's spectrum, drawn by number, while the platform runs a track."""
+"""Stochastic crosswind: a random wind with von Kármán's spectrum from a seed, while the platform runs a track."""
 
 from cmath import phase
 from collections.abc import Callable, Mapping
@@ -187,7 +187,9 @@ def _sideways(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectr
 
 
 def upright(steady: npt.NDArray[np.bool_], rig: Rig, values: Values) -> Spectra:
-    """Return the spectra of the compression of a spring (x) and of its load (y), each as the mean of both springs."""
+    """Return the spectra of the mean compression of both springs (x) and of their mean load (y), from the samples where
+    ``steady`` is True.
+    """
     down = -0.5 * (values["left.height"] + values["right.height"])
     force = 0.5 * upward_force(values, rig)
     late = lag_of(rig, *HEIGHTS), lag_of(rig, *VERTICAL_CELLS)

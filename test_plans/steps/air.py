@@ -154,10 +154,10 @@ def check_tightness(run: Run, load: Load, before: Weighing, at: str = "") -> Non
 
 
 def _air(specimen: Specimen, rig: Rig, values: Values, times: Values, load: Load, side: str) -> float:
-    """Return the mass of air in both chambers of a spring, multiplied by the gas constant R.
+    """Return the mass of air in both chambers of a spring, multiplied by the gas constant R (J/K).
 
-    The height of the bellows exceeds that of the whole spring by the compression of the emergency spring beyond the
-    preload.
+    Heights are relative to design height. If the load exceeds the preload, the emergency spring is compressed further,
+    and at the same height of the spring its bellows is higher by this compression.
     """
     used = [name for name in values if not name.startswith(_OTHER[side]) or name in HEIGHTS]
     state = {name: np.asarray(_settled(rig, name, times[name], values[name])) for name in used}

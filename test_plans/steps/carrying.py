@@ -303,7 +303,9 @@ def lock_the_air(run: Run) -> None:
 
 
 def free_the_bolster(run: Run) -> None:
-    """Release the bolster: switch the actuators from position control to a constant force."""
+    """Release the bolster: the vertical actuators change from position control to the constant force that they exert at
+    that moment, and the lateral actuator to zero force.
+    """
     bench = run.bench
     with run.phase("free the bolster"):
         bench.vertical.control = "force"

@@ -47,8 +47,8 @@ class RollAngle:
     known: list[tuple[Measured, Known]] = field(default_factory=list)  #: secant and first harmonic
 
     def measure(self, run: Run, home: Home, angles: Sequence[float]) -> None:
-        """Roll the springs to each angle, first to one side and then to the other. Measure there with a sine of 5 mm
-        about y = +20 mm.
+        """Roll the springs to 0 and to each of the ``angles`` (rad): all of them to one side, then all to the other. At
+        each angle, run a lateral sine of 5 mm about y = +20 mm, and add its results to this object.
         """
         rest = run.bench.averages(*PRESSURES, over=steps.AVERAGE_OVER)
         for side in (1.0, -1.0):
@@ -105,7 +105,7 @@ class RollAngle:
         """Return the result of ``evaluate`` with its uncertainty. It receives the secants and K' (N/m) at the ``rolls``
         (rad).
 
-        For each angle the nearest measurement is used. There are two at angle 0, of which the mean is used.
+        For each angle the nearest measurement is used. Angle 0 has two measurements; their mean is used.
         """
         near = [self._near(roll) for roll in rolls]
         used = sorted({place for places in near for place in places})

@@ -1,4 +1,4 @@
-"""The reference page of the checks of measured data by the readers, from the tables that the code uses."""
+"""The reference page of the checks that the file readers apply to measured data, from the tables of the code."""
 
 from __future__ import annotations
 

@@ -187,8 +187,8 @@ def _spectrum(residuals: Residuals, c: int, sine: Swing) -> Figure:
 
 
 def velocity_surface(residuals: Residuals, c: int) -> Evidence | NotApplicable:
-    """Test the surface of the error r(x, v) over an input and its rate: means of the error in bins (Masri and Caughey
-    1979).
+    """Test whether the error of channel ``c`` depends on an input x and its rate v, by its means in bins of (x, v)
+    (Masri and Caughey 1979). The input is the one that the channel follows best.
     """
     name = residuals.partner(c)
     if not name:
@@ -204,8 +204,8 @@ def velocity_surface(residuals: Residuals, c: int) -> Evidence | NotApplicable:
 
 
 def pressure_surface(residuals: Residuals, c: int) -> Evidence | NotApplicable:
-    """Test the surface of the error r(x, p) over an input and a predicted pressure: those that the channel follows
-    best.
+    """Test whether the error of channel ``c`` depends on an input x and a predicted pressure p, by its means in bins of
+    (x, p). Input and pressure are those that the channel follows best.
     """
     pressures = [i for i, channel in enumerate(residuals.channels) if channel.kind == "pressure"]
     name = residuals.partner(c)
