@@ -77,12 +77,12 @@ def test_with_motion_it_is_led_up_and_left_disabled():
     stand = MemoryRig()
     findings = stand.examine(motion=True)
     assert not stand.report.wrong
-    assert findings["the platform goes 2 mm up"].value == pytest.approx(2e-3, abs=3e-4)
-    assert findings["silence, until it holds"].value == pytest.approx(0.1, abs=0.05)
-    for when in ("armed by bits alone, and in HOLD", "in ACTIVE, before the first set-point"):
+    assert findings["platform up by 2 mm"].value == pytest.approx(2e-3, abs=3e-4)
+    assert findings["time from the last command to hold"].value == pytest.approx(0.1, abs=0.05)
+    for when in ("HOLD without set-points", "ACTIVE without set-points"):
         assert findings[f"{when}: heights and displacements"].value < 0.5 * mm
-    ends = ("silence", "the holder's connection is closed in ACTIVE")
-    assert all(findings[f"in force after {end}"].outcome is Outcome.RIGHT for end in ends)
+    ends = ("loss of commands", "end of the connection in ACTIVE")
+    assert all(findings[f"settings after: {end}"].outcome is Outcome.RIGHT for end in ends)
     assert stand.rig.state.name == "DISABLED"
     assert stand.rig.lease.token == 0
 
@@ -114,15 +114,19 @@ def lax(request: bytes, reply: bytes) -> bytes:
 @pytest.mark.parametrize(
     ("spoilt", "found"),
     [
-        ({"frames": slow_frames}, {"SpringLeft, rate", "frames lost, by their counters"}),
+        ({"frames": slow_frames}, {"SpringLeft, rate", "lost frames"}),
         (
             {"answers": hasty_codes},
-            {"a function that there is not", "half of a float", "another client requests the lease"},
+            {"unknown function code", "one register of a float", "another client requests the lease"},
         ),
         ({"answers": swapped_words}, {"readings that differ between CAN and Modbus"}),
         (
             {"answers": lax},
-            {"generator.frequency, NaN", "air.left_target, half of it", "another client requests the lease"},
+            {
+                "generator.frequency, NaN",
+                "air.left_target, one register of the float",
+                "another client requests the lease",
+            },
         ),
     ],
     ids=["slow frames", "codes", "words", "lax"],
@@ -134,10 +138,10 @@ def test_a_spoilt_rig_is_found_out(spoilt, found):
 def test_a_rig_that_keeps_what_a_command_has_left_is_found_out_and_brought_to_rest(monkeypatch):
     monkeypatch.setattr(InForce, "rest", lambda in_force, vented: None)
     stand = MemoryRig()
-    ends = ("the lease is returned", "the holder's connection is closed")
+    ends = ("return of the lease", "end of the connection")
     findings = stand.examine()
-    assert {f"in force after {end}" for end in ends} == {one.what for one in stand.report.wrong}
-    found = findings["in force after the lease is returned"].found
+    assert {f"settings after: {end}" for end in ends} == {one.what for one in stand.report.wrong}
+    found = findings["settings after: return of the lease"].found
     assert "generator.cycles = 7" in found
     assert "generator.amplitude = 3 mm" in found
     assert {name: stand.rig.registers.active[name] for name in REST} == REST
@@ -156,15 +160,15 @@ def test_a_rig_that_moves_when_it_is_armed_and_in_hold_is_found_out(monkeypatch)
     monkeypatch.setattr(Supervisor, "handle", follow)
     wrong = MemoryRig().wrong(motion=True)
     assert {
-        "HOLD keeps it where it is, whatever set-point comes",
-        "armed by bits alone, and in HOLD: heights and displacements",
+        "motion in HOLD after a new set-point",
+        "HOLD without set-points: heights and displacements",
     } <= wrong
 
 
 def test_a_silent_rig_is_reported_and_the_other_checks_continue():
     findings = MemoryRig(answers=lambda request, reply: b"").examine()
-    assert findings["to the end"].outcome is Outcome.WRONG
-    assert "no answer" in findings["to the end"].found
+    assert findings["all requests answered"].outcome is Outcome.WRONG
+    assert "no answer" in findings["all requests answered"].found
     assert findings["SpringLeft, rate"].outcome is Outcome.RIGHT
 
 
@@ -189,7 +193,7 @@ def test_a_rig_whose_clock_is_set_is_found_out(step):
     access.wait(0.5)
     times = listen(access)[0].findings
     wrong = {one.what for one in times if one.outcome is Outcome.WRONG}
-    assert wrong == ({"steps of the clock of time stamps"} if step else set())
+    assert wrong == ({"jumps of the time stamps"} if step else set())
 
 
 def with_times(block: Block, times) -> Block:
@@ -208,8 +212,8 @@ def test_two_rigs_are_compared(sound, tmp_path):
     other = MemoryRig(answers=hasty_codes)
     other.examine()
     apart = {one.what: one for one in differences(other.report, again)}
-    assert apart["half of a float"].here == "exception 4"
-    assert apart["half of a float"].there == "exception 3"
+    assert apart["one register of a float"].here == "exception 4"
+    assert apart["one register of a float"].there == "exception 3"
     assert "SpringLeft, rate" not in apart
     path.write_text("{}")
     with refuses(ReportError, "sound.json"):

@@ -26,13 +26,15 @@ def test_a_strange_rig_is_found_sound_and_left_at_rest(name, rate, hold):
         found = examine(bench, motion=True)
         assert bench.state == "DISABLED"
     assert not [one for one in found.values() if one.outcome is Outcome.WRONG]
-    held = found["states", "HOLD, whatever set-point comes: heights and displacements"]
+    held = found["states", "HOLD after a new set-point: heights and displacements"]
     assert (held.outcome, held.value) == (Outcome.RIGHT, pytest.approx(0, abs=5e-4))
     assert found["signals", "left.height, rate"].value == pytest.approx(rate, rel=0.01)
     assert ("signals", "rig.program, rate") not in found, "the bench's own player is no rig"
-    assert found["motion", "the platform goes 2 mm up"].value == pytest.approx(2e-3, abs=2e-4)
-    assert found["loss of commands", "silence, until it leaves ACTIVE"].value == pytest.approx(hold, abs=0.2)
-    absent = found["what signals carry", "lateral.acceleration"]
+    assert found["motion", "platform up by 2 mm"].value == pytest.approx(2e-3, abs=2e-4)
+    assert found[
+        "loss of commands", "time from the last command to the end of ACTIVE"
+    ].value == pytest.approx(hold, abs=0.2)
+    absent = found["values of signals", "lateral.acceleration"]
     assert (absent.outcome, absent.found) == (Outcome.SKIPPED, "absent: no accelerometer on the bolster")
 
 
@@ -43,10 +45,7 @@ def test_no_motion_without_permission():
         found = examine(bench)
         assert bench.state == "DISABLED"
         assert bench.platform.vertical == pytest.approx(before, abs=1e-4)
-    assert (
-        found["motion", "states, a small move, loss of commands, the next commander"].outcome
-        is Outcome.SKIPPED
-    )
+    assert found["motion", "states, motion, loss of commands, next commander"].outcome is Outcome.SKIPPED
 
 
 def test_a_bench_that_stays_active_without_commands_is_found_out(monkeypatch):
@@ -54,7 +53,9 @@ def test_a_bench_that_stays_active_without_commands_is_found_out(monkeypatch):
         monkeypatch.setattr(type(bench.commander), "stop", lambda commander: None)
         found = examine(bench, motion=True)
         monkeypatch.undo()
-    assert found["loss of commands", "silence, until it leaves ACTIVE"].outcome is Outcome.WRONG
+    assert (
+        found["loss of commands", "time from the last command to the end of ACTIVE"].outcome is Outcome.WRONG
+    )
 
 
 class FollowsInHold(PlcRig):
@@ -81,8 +82,8 @@ class FillsWhenArmed(PlcRig):
 @pytest.mark.parametrize(
     ("spoilt", "broken"),
     [
-        (FollowsInHold, "HOLD, whatever set-point comes: heights and displacements"),
-        (FillsWhenArmed, "armed, before its first set-point: pressures"),
+        (FollowsInHold, "HOLD after a new set-point: heights and displacements"),
+        (FillsWhenArmed, "ACTIVE without set-points: pressures"),
     ],
 )
 def test_a_rig_that_moves_by_itself_is_found_out(spoilt, broken):
@@ -100,7 +101,7 @@ def test_a_silent_rig_is_reported(name):
         virtual.silent = True
         found = examine(bench)
     wrong = {what for (_, what), one in found.items() if one.outcome is Outcome.WRONG}
-    assert wrong & {"to the end", "left.height, rate"}
+    assert wrong & {"all requests answered", "left.height, rate"}
 
 
 @pytest.mark.slow

@@ -8,11 +8,11 @@ from astb.acceptance.conformance.report import Observation, Report, read_report
 def test_the_command_tells_people_and_programs(astb_here, tmp_path):
     code, out, _ = astb_here(tmp_path, "rig", "conform", "virtual", "--json", "one.json")
     assert code == 0, out
-    assert "0 wrong" in out
+    assert "0 failed" in out
     assert "SpringLeft, rate" in out
     code, out, _ = astb_here(tmp_path, "rig", "conform", "virtual", "--against", "one.json")
     assert code == 0
-    assert "agree in all checks" in out
+    assert "agree in all tests" in out
     report = read_report(tmp_path / "one.json")
     spoilt = [Observation(group=f.group, what=f.what, outcome=f.outcome, found="?") for f in report.findings]
     changed = Report(rig="other", time="real", motion=False, findings=spoilt)

@@ -67,27 +67,26 @@ def conform_command(target: str, other: Path | None, json_path: Path | None, all
 
 
 def _show(report: Report) -> None:
-    style = {"right": "green", "wrong": "bold red", "not asked": "dim"}
-    table = open_table(f"{report.rig}, {report.time} time", "", "what", "found", "right", whole=("",))
+    marks = {"right": ("pass", "green"), "wrong": ("fail", "bold red"), "not asked": ("not tested", "dim")}
+    table = open_table(f"{report.rig}, {report.time} time", "", "test", "found", "expected", whole=("",))
     group = ""
     for one in report.findings:
         if one.group != group:
             group = one.group
             table.add_section()
             table.add_row("", styled(group, "bold"))
-        mark = styled(one.outcome, style[one.outcome])
-        table.add_row(mark, one.what, one.found, one.right)
+        table.add_row(styled(*marks[one.outcome]), one.what, one.found, one.right)
     console = open_console()
     console.print(table)
-    console.print(f"{len(report.findings)} findings, {len(report.wrong)} wrong")
+    console.print(f"{len(report.findings)} tests, {len(report.wrong)} failed")
 
 
 def _show_differences(here: Report, there: Report, apart: "list[Difference]") -> None:
     console = open_console()
     if not apart:
-        console.print(f"{here.rig} and {there.rig} agree in all checks that were made on both")
+        console.print(f"{here.rig} and {there.rig} agree in all tests that ran on both")
         return
-    columns = ("group", "what", here.rig, f"{there.rig} (other)")
+    columns = ("group", "test", here.rig, f"{there.rig} (other)")
     table = open_table(f"{len(apart)} differences", *columns, whole=("group",))
     for one in apart:
         table.add_row(*one)

@@ -34,14 +34,14 @@ def ask(access: RawAccess) -> list[Notebook]:
 
 
 def _speed(line: ModbusConnection) -> Notebook:
-    book = Notebook("answers on Modbus")
+    book = Notebook("Modbus response time")
     block = [r for r in TABLE.registers if r.space == "input" and r.encoding == "float32"]
     last = max(r.address for r in block if r.address < FLOAT_BLOCK + 120) + 2
     took = [line.read(4, FLOAT_BLOCK, min(last - FLOAT_BLOCK, 120)).took for _ in range(READS)]
-    for what, share in (("median", 50), ("99 of 100", 99), ("slowest", 100)):
+    for what, share in (("median", 50), ("99th percentile", 99), ("slowest", 100)):
         time = float(np.percentile(took, share))
         book.note(
-            f"time of an answer, {what}",
+            f"response time, {what}",
             time <= ANSWER_MAX,
             f"{time / ms:.2f} ms",
             f"at most {ANSWER_MAX / ms:g} ms",
@@ -52,16 +52,14 @@ def _speed(line: ModbusConnection) -> Notebook:
 
 
 def _agreement(access: RawAccess, line: ModbusConnection) -> Notebook:
-    book = Notebook("both wires")
+    book = Notebook("CAN and Modbus")
     own = line.words(0, 7)
     number, word = struct.unpack(">fI", struct.pack(">4H", *own[3:7]))
     found = f"{number:g} and {word:#010x}"
     good = math.isclose(number, PROBE_FLOAT, rel_tol=1e-6) and word == PROBE_WORD
     book.note("probe registers", good, found, f"{PROBE_FLOAT:g} and {PROBE_WORD:#010x}")
     found = f"{own[1] << 16 | own[2]:#010x}"
-    book.note(
-        "hash of the table of signals", found == f"{TABLE.map_hash:#010x}", found, f"{TABLE.map_hash:#010x}"
-    )
+    book.note("hash of the signal map", found == f"{TABLE.map_hash:#010x}", found, f"{TABLE.map_hash:#010x}")
     apart = []
     for signal in TABLE.of_kind(Kind.MEASUREMENT):
         assert signal.address is not None  # of a measured value
@@ -75,18 +73,16 @@ def _agreement(access: RawAccess, line: ModbusConnection) -> Notebook:
 
 
 def _exceptions(line: ModbusConnection) -> Notebook:
-    book = Notebook("exceptions")
+    book = Notebook("Modbus exceptions")
     two = struct.Struct(">HH").pack
-    book.refusal("a function that there is not", line.ask(NO_FUNCTION, b"\0\0").code, ILLEGAL_FUNCTION)
-    book.refusal("a unit that there is not", line.ask(4, two(0, 1), unit=NO_UNIT).code, NO_SUCH_UNIT)
-    book.refusal("input registers outside the map", line.read(4, NO_ADDRESS, 1).code, ILLEGAL_ADDRESS)
-    book.refusal("beyond the last address", line.read(4, 0xFFFF, 2).code, ILLEGAL_ADDRESS)
-    book.refusal("no register at all", line.read(4, 0, 0).code, ILLEGAL_VALUE)
-    book.refusal("more registers than an answer holds", line.read(4, 0, 126).code, ILLEGAL_VALUE)
-    book.refusal("half of a float", line.read(4, FLOAT_BLOCK, 1).code, ILLEGAL_VALUE)
-    book.refusal("a request that is cut off", line.ask(4, b"\0\0\0").code, ILLEGAL_VALUE)
-    book.refusal("a coil that is neither on nor off", line.ask(5, two(0, 0x1234)).code, ILLEGAL_VALUE)
-    book.refusal(
-        "a file that there is not", line.ask(20, b"\7\6" + two(999, 0) + b"\0\1").code, ILLEGAL_ADDRESS
-    )
+    book.refusal("unknown function code", line.ask(NO_FUNCTION, b"\0\0").code, ILLEGAL_FUNCTION)
+    book.refusal("unknown unit number", line.ask(4, two(0, 1), unit=NO_UNIT).code, NO_SUCH_UNIT)
+    book.refusal("unassigned input register", line.read(4, NO_ADDRESS, 1).code, ILLEGAL_ADDRESS)
+    book.refusal("registers beyond the last address", line.read(4, 0xFFFF, 2).code, ILLEGAL_ADDRESS)
+    book.refusal("quantity of 0 registers", line.read(4, 0, 0).code, ILLEGAL_VALUE)
+    book.refusal("quantity of 126 registers", line.read(4, 0, 126).code, ILLEGAL_VALUE)
+    book.refusal("one register of a float", line.read(4, FLOAT_BLOCK, 1).code, ILLEGAL_VALUE)
+    book.refusal("incomplete request", line.ask(4, b"\0\0\0").code, ILLEGAL_VALUE)
+    book.refusal("coil value neither on nor off", line.ask(5, two(0, 0x1234)).code, ILLEGAL_VALUE)
+    book.refusal("unknown file record", line.ask(20, b"\7\6" + two(999, 0) + b"\0\1").code, ILLEGAL_ADDRESS)
     return book

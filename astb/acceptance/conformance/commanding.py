@@ -81,34 +81,34 @@ def command(access: RawAccess) -> list[Notebook]:
     leases, settings, commands, left = (
         Notebook("lease"),
         Notebook("settings"),
-        Notebook("commands that do not count"),
-        Notebook("what a command leaves"),
+        Notebook("commands"),
+        Notebook("settings after a command"),
     )
     if (code := line.write(LEASE_ADDRESS, struct.pack(">H", 1))) != 0:
-        leases.skip("the lease", f"another client holds the bench (exception {code})")
+        leases.skip("all tests", f"another client has the lease (exception {code})")
         return [leases]
     shown = False
     try:
         token = line.words(LEASE_ADDRESS, 1, function=3)[0]
-        leases.note("a token is drawn", token != 0, "one" if token else "none", "one")
+        leases.note("token after a request", token != 0, "not 0" if token else "0", "not 0")
         _lease(access, leases, token)
         _settings(line, settings)
         if access.wait_for(lambda: access.listener.state == "DISABLED", READY_WITHIN):
             _commands(access, token, commands)
             if not (shown := leave(line, targets=False)):
-                left.skip("settings", "the rig did not take them over")
+                left.skip("settings", "the rig did not apply them")
         else:
-            why = f"the bench is {access.listener.state}: they are sent to one that is DISABLED"
-            commands.skip("all of them", why)
+            why = f"the bench is {access.listener.state}, but must be DISABLED"
+            commands.skip("all tests", why)
             left.skip("settings", why)
     finally:
         line.write(LEASE_ADDRESS, b"\0\0")
     after = line.words(LEASE_ADDRESS, 1, function=3)[0]
     leases.note(
-        "returned by writing 0",
+        "lease after writing 0",
         after == 0,
-        "nobody holds it" if after == 0 else "still held",
-        "nobody holds it",
+        "free" if after == 0 else "not free",
+        "free",
     )
     _joins(access, leases)
     if shown:
@@ -120,11 +120,11 @@ def _ends(access: RawAccess, book: Notebook) -> None:
     """Check that settings have their rest values after the lease was returned, and after a connection with the lease
     was closed.
     """
-    note_rest(access, book, "the lease is returned")
+    note_rest(access, book, "return of the lease")
     line = access.modbus()
     if take(line) and leave(line, targets=False):
         line.close()
-        note_rest(access, book, "the holder's connection is closed")
+        note_rest(access, book, "end of the connection")
 
 
 def _joins(access: RawAccess, book: Notebook) -> None:
@@ -143,7 +143,7 @@ def _joins(access: RawAccess, book: Notebook) -> None:
     nonce = int(np.nan_to_num(access.listener.latest("lease.nonce"))) ^ 0x5A5A
     request(0)
     granted = access.wait_for(answered, TOLD)
-    book.note("asked for on CAN", granted, "granted" if granted else "no answer", "granted")
+    book.note("request on CAN", granted, "granted" if granted else "no answer", "granted")
     if not granted:
         return
     token = int(access.listener.latest("rig.lease"))
@@ -151,14 +151,12 @@ def _joins(access: RawAccess, book: Notebook) -> None:
     stream.start()
     try:
         joins = other.write(LEASE_ADDRESS, struct.pack(">H", token))
-        book.refusal("another client writes the token, which is readable on CAN", joins, NO_AUTHORITY)
+        book.refusal("another Modbus client writes the token that it read on CAN", joins, NO_AUTHORITY)
         request(line.words(LEASE_ADDRESS, 1, function=3)[0])
         access.wait(2 * _CYCLE)
         code = line.write(LEASE_ADDRESS, struct.pack(">H", token))
-        found = "it joins" if code == 0 else f"exception {code}"
-        book.note(
-            "the Modbus connection whose key comes from the holder on CAN", code == 0, found, "it joins"
-        )
+        found = "accepted" if code == 0 else f"exception {code}"
+        book.note("the lease holder on CAN allows a Modbus connection", code == 0, found, "accepted")
     finally:
         stream.stop()
         request(token)
@@ -170,8 +168,8 @@ def _joins(access: RawAccess, book: Notebook) -> None:
 def _lease(access: RawAccess, book: Notebook, token: int) -> None:
     other = access.modbus()
     hidden = other.words(LEASE_ADDRESS, 1, function=3)[0] != token
-    found = "another number" if hidden else "the token"
-    book.note("another client reads the token before the first command", hidden, found, "another number")
+    found = "a different number" if hidden else "the token"
+    book.note("another client reads the token before the first command", hidden, found, "a different number")
     before = _reported(access, "rig.strangers")
     book.refusal("another client requests the lease", other.write(LEASE_ADDRESS, b"\0\1"), NO_AUTHORITY)
     setting = TABLE["generator.cycles"]
@@ -181,9 +179,11 @@ def _lease(access: RawAccess, book: Notebook, token: int) -> None:
     book.refusal(
         "another client triggers an action", other.press(TABLE["action.air_low"].address or 0), NO_AUTHORITY
     )
-    book.refusal("another client feeds the watchdog", other.write(WATCHDOG_ADDRESS, b"\0\0"), NO_AUTHORITY)
+    book.refusal(
+        "another client writes to the watchdog", other.write(WATCHDOG_ADDRESS, b"\0\0"), NO_AUTHORITY
+    )
     counted = _reported(access, "rig.strangers") - before
-    book.note("strangers are counted", counted == 4, f"{counted:g}", "4")
+    book.note("rig.strangers counts refused clients", counted == 4, f"{counted:g}", "4")
 
 
 def _settings(line: ModbusConnection, book: Notebook) -> None:
@@ -194,22 +194,26 @@ def _settings(line: ModbusConnection, book: Notebook) -> None:
         for what, value in (
             ("NaN", np.nan),
             ("infinity", np.inf),
-            ("beyond its range", signal.high + 2.0 * (signal.high - signal.low)),
+            ("above its range", signal.high + 2.0 * (signal.high - signal.low)),
             ("below its range", signal.low - 2.0 * (signal.high - signal.low)),
         ):
             book.refusal(f"{name}, {what}", line.write(address, _float(value)), ILLEGAL_VALUE)
-        book.refusal(f"{name}, half of it", line.write(address, b"\0\0"), ILLEGAL_VALUE)
+        book.refusal(f"{name}, one register of the float", line.write(address, b"\0\0"), ILLEGAL_VALUE)
         same = line.words(address, 2, function=3) == staged
-        book.note(f"{name}, after all that", same, "unchanged" if same else "changed", "unchanged")
+        book.note(
+            f"{name}, after these refused writes", same, "unchanged" if same else "changed", "unchanged"
+        )
     choice = TABLE["vertical.control"]
     book.refusal(
-        "vertical.control, between two choices", line.write(choice.address or 0, _float(0.5)), ILLEGAL_VALUE
+        "vertical.control = 0.5 (no valid choice)",
+        line.write(choice.address or 0, _float(0.5)),
+        ILLEGAL_VALUE,
     )
     book.refusal(
-        "a watchdog of a minute", line.write(WATCHDOG_ADDRESS, struct.pack(">H", 60_000)), ILLEGAL_VALUE
+        "watchdog time of 60 s", line.write(WATCHDOG_ADDRESS, struct.pack(">H", 60_000)), ILLEGAL_VALUE
     )
     run = TABLE["action.program_run"].address or 0
-    book.refusal("the generator is started without ACTIVE", line.press(run), DEVICE_FAILURE)
+    book.refusal("start of the function generator outside ACTIVE", line.press(run), DEVICE_FAILURE)
 
 
 def _commands(access: RawAccess, token: int, book: Notebook) -> None:
@@ -232,34 +236,34 @@ def _commands(access: RawAccess, token: int, book: Notebook) -> None:
         port: "CanPort | None" = None,
     ) -> None:
         found = counted(counter, change, port)
-        book.note(what, found == right, f"{counter} rises by {found:g} of {WRONG}", f"by {right} of {WRONG}")
+        book.note(what, found == right, f"{counter} counts {found:g} of {WRONG}", f"{right} of {WRONG}")
 
-    note("sound ones", "rig.rejected_commands", 0)
-    note("with a wrong CRC", "rig.rejected_commands", WRONG, _spoil)
+    note("valid commands", "rig.rejected_commands", 0)
+    note("commands with a wrong CRC", "rig.rejected_commands", WRONG, _spoil)
     stream.values[TABLE.index[TOKEN]] = token ^ 0x5A5A
-    note("with another token", "rig.strangers", WRONG)
+    note("commands with a wrong token", "rig.strangers", WRONG)
     stream.set(TOKEN, token)
     stream.send()  # a holder without valid commands for 2 s loses the lease
-    other = "with the right token, from another connection"
+    other = "commands with the right token from another connection"
     if access.listener.port.local_ports:
         with closing(access.can()) as port:
             note(other, "rig.strangers", WRONG, port=port)
     else:
-        book.skip(other, "on this bus frames have no sender")
+        book.skip(other, "frames on this bus do not identify their sender")
     for bit in ("hold", "active"):
         stream.set(f"control.{bit}", 1.0)
     counted("rig.rejected_commands")
     state = access.listener.state
-    book.note("H and M on a bench that is DISABLED", state == "DISABLED", f"it is {state}", "it is DISABLED")
+    book.note("bits H and M in the state DISABLED", state == "DISABLED", state, "DISABLED")
     for signal in TABLE.of_kind(Kind.SETPOINT):
         if signal.name.endswith("_setpoint"):
             stream.set(signal.name, np.nan)
     stream.carry("DisplacementSetpoints")
-    note("set-points that are not available", "rig.refused_setpoints", 0)
+    note("set-points marked as not available", "rig.refused_setpoints", 0)
     # The field has codes beyond the range of its signal.
     beyond = TABLE["lateral.displacement_setpoint"]
     stream.set(beyond.name, 1.05 * beyond.high)
-    note("set-points beyond their range", "rig.refused_setpoints", WRONG)
+    note("set-points out of range", "rig.refused_setpoints", WRONG)
 
 
 def _spoil(block: Block) -> None:

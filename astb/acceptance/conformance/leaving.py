@@ -56,7 +56,9 @@ def note_rest(access: RawAccess, book: Notebook, end: str) -> None:
     access.wait_for(lambda: not _changed_settings(line), REST_WITHIN)
     left = _changed_settings(line)
     found = ", ".join(f"{name} = {TABLE[name].show(value)}" for name, value in left.items())
-    book.note(f"in force after {end}", not left, found or "nothing", "nothing but what hands have fitted")
+    book.note(
+        f"settings after: {end}", not left, found or "rest values", "rest values, except parts fitted by hand"
+    )
     if left and take(line):
         _apply(line, {name: REST[name] for name in left})
         give_back(line)

@@ -31,7 +31,7 @@ def listen(access: RawAccess) -> list[Notebook]:
     frames = access.listener.frames()[before:]
     times = _times(frames)
     steps = access.listener.steps - steps
-    times.note("steps of the clock of time stamps", steps == 0, f"{steps}", "0")
+    times.note("jumps of the time stamps", steps == 0, f"{steps}", "0")
     return [times, _protection(frames), _contents(access, frames)]
 
 
@@ -65,14 +65,14 @@ def _times(frames: Block) -> Notebook:
 
 
 def _protection(frames: Block) -> Notebook:
-    book = Notebook("protection of frames")
+    book = Notebook("frame counters")
     decoder = Decoder(TABLE, from_rig=True)
     decoder.decode(frames)
     for what, kind in {
-        "frames lost, by their counters": Tally.LOST,
-        "counters repeated": Tally.REPEATED,
-        "counters out of sequence": Tally.OUT_OF_SEQUENCE,
-        "frames of another length": Tally.MALFORMED,
+        "lost frames": Tally.LOST,
+        "repeated frames": Tally.REPEATED,
+        "frames out of sequence": Tally.OUT_OF_SEQUENCE,
+        "frames with a wrong length": Tally.MALFORMED,
     }.items():
         count = int(decoder.tally[kind])
         book.note(what, count == 0, f"{count}", "0")
@@ -80,7 +80,7 @@ def _protection(frames: Block) -> Notebook:
 
 
 def _contents(access: RawAccess, frames: Block) -> Notebook:
-    book = Notebook("what frames carry")
+    book = Notebook("values in frames")
     samples = Decoder(TABLE, from_rig=True).decode(frames)
     outside, silent = [], []
     carried = {place.signal for m in TABLE.messages if m.from_rig and m.rate for place in m.fields}
@@ -100,5 +100,5 @@ def _contents(access: RawAccess, frames: Block) -> Notebook:
     map_hash = access.listener.latest("rig.map_hash")
     found = "not reported" if np.isnan(map_hash) else f"{int(map_hash):#010x}"
     right = f"{TABLE.map_hash:#010x}"
-    book.note("hash of the table of signals", found == right, found, right)
+    book.note("hash of the signal map", found == right, found, right)
     return book

@@ -40,7 +40,7 @@ def move(access: RawAccess) -> list[Notebook]:
     states, motion, silence = Notebook("states"), Notebook("motion"), Notebook("loss of commands")
     line = access.modbus()
     if not (token := take(line)):
-        states.skip("the way up", "another client holds the bench")
+        states.skip("start up to ACTIVE", "another client has the lease")
         return [states]
     stream = Stream(access, token)
     stream.carry("Control", "PlatformSetpoints")
@@ -51,7 +51,7 @@ def move(access: RawAccess) -> list[Notebook]:
             _small_move(access, stream, motion)
             _silence(access, stream, silence)
             if left:
-                note_rest(access, silence, "silence")
+                note_rest(access, silence, "loss of commands")
     finally:
         stream.stop()
         give_back(line)
@@ -67,7 +67,8 @@ def way_up(
     """
     if not access.wait_for(lambda: access.listener.state == "DISABLED", READY_WITHIN):
         book.skip(
-            "the way up", f"the bench is {access.listener.state}, not DISABLED; bring it to DISABLED first"
+            "start up to ACTIVE",
+            f"the bench is {access.listener.state}, not DISABLED; bring it to DISABLED first",
         )
         return False
     stream.set("control.enable", 1.0)
@@ -87,7 +88,7 @@ def way_up(
         book.note(
             f"{start} to {end}, by {by}",
             reached,
-            f"after {took / ms:.0f} ms" if reached else f"it is {access.listener.state}",
+            f"after {took / ms:.0f} ms" if reached else access.listener.state,
             f"within {STEP_WITHIN:g} s",
             value=took,
             apart=TIME_APART,
@@ -109,10 +110,10 @@ def _small_move(access: RawAccess, stream: Stream, book: Notebook) -> None:
     )
     way = access.listener.latest("platform.vertical") - start
     book.note(
-        "the platform goes 2 mm up",
+        "platform up by 2 mm",
         arrived,
         f"{way / mm:.2f} mm",
-        "2 mm, 0.3 mm more or less",
+        "2 ± 0.3 mm",
         value=way,
         apart=THERE,
     )
@@ -120,7 +121,7 @@ def _small_move(access: RawAccess, stream: Stream, book: Notebook) -> None:
     begun = times[(times > commanded) & (values - start > BEGUN)]
     latency = (begun[0] - commanded) / NS if begun.size else float("nan")
     book.note(
-        "from set-point to motion",
+        "latency from set-point to motion",
         latency <= LATENCY_MAX,
         f"{latency / ms:.0f} ms",
         f"at most {LATENCY_MAX / ms:.0f} ms",
@@ -132,10 +133,10 @@ def _small_move(access: RawAccess, stream: Stream, book: Notebook) -> None:
         lambda: abs(access.listener.latest("platform.vertical") - start) <= THERE, MOVE_WITHIN
     )
     book.note(
-        "and back",
+        "platform back to its start",
         back,
         f"{(access.listener.latest('platform.vertical') - start) / mm:.2f} mm",
-        "0 mm, 0.3 mm more or less",
+        "0 ± 0.3 mm",
     )
 
 
@@ -152,10 +153,10 @@ def _hold(access: RawAccess, stream: Stream, elsewhere: float, book: Notebook) -
     times, values = access.listener.series("platform.vertical")
     way = float(np.abs(values[times >= before] - here).max(initial=0.0))
     book.note(
-        "HOLD keeps it where it is, whatever set-point comes",
+        "motion in HOLD after a new set-point",
         held and way <= THERE,
-        f"it goes {way / mm:.2f} mm" if held else f"it is {access.listener.state}",
-        f"it goes {THERE / mm:g} mm at most",
+        f"{way / mm:.2f} mm" if held else access.listener.state,
+        f"at most {THERE / mm:g} mm",
         value=way,
         apart=THERE,
     )
@@ -168,24 +169,24 @@ def _silence(access: RawAccess, stream: Stream, book: Notebook) -> None:
     access.wait_for(lambda: access.listener.state == "FAULT_DISABLED", STEP_WITHIN)
     times, values = access.listener.series("rig.state")
     for what, states, right in (
-        ("it holds", ("FAULT_REACTION", "FAULT_HOLD"), HOLD_AFTER),
-        ("it goes to its safe position", ("FAULT_DISABLED",), DISABLE_AFTER),
+        ("hold", ("FAULT_REACTION", "FAULT_HOLD"), HOLD_AFTER),
+        ("the start for the safe position", ("FAULT_DISABLED",), DISABLE_AFTER),
     ):
         codes = [STATES.index(state) for state in states]
         when = times[(times > last) & np.isin(values, codes)]
         took = float((when[0] - last) / NS) if when.size else float("nan")
         book.note(
-            f"silence, until {what}",
+            f"time from the last command to {what}",
             abs(took - right) <= REACTION_BAND,
             f"{took / ms:.0f} ms",
-            f"{right / ms:.0f} ms, {REACTION_BAND / ms:.0f} ms more or less",
+            f"{right / ms:.0f} ± {REACTION_BAND / ms:.0f} ms",
             value=took,
             apart=TIME_APART,
         )
     stream.set("control.hold", 0.0)
     stream.set("control.active", 0.0)
     stream.start()
-    book.note("a reset clears it", reset(access, stream), f"it is {access.listener.state}", "it is DISABLED")
+    book.note("reset", reset(access, stream), access.listener.state, "DISABLED")
 
 
 def reset(access: RawAccess, stream: Stream) -> bool:

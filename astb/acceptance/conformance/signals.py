@@ -35,7 +35,7 @@ _ARM_WITHIN: Final = 1 * minutes
 
 def listen(bench: "Bench") -> list[Notebook]:
     """Return the findings on the signals that the rig sends: rates, longest gaps, and plausible values."""
-    rates, contents = Notebook("signals"), Notebook("what signals carry")
+    rates, contents = Notebook("signals"), Notebook("values of signals")
     coming = [
         signal
         for signal in _present(bench, *_COME)
@@ -50,7 +50,7 @@ def listen(bench: "Bench") -> list[Notebook]:
         limit = _limit(bench, signal) / NS
         if times.size < 2:
             rates.note(
-                f"{signal.name}, rate", False, f"{times.size} samples in {LISTEN:g} s", "it comes by itself"
+                f"{signal.name}, rate", False, f"{times.size} samples in {LISTEN:g} s", "sent periodically"
             )
             continue
         gaps = np.diff(times)
@@ -61,7 +61,7 @@ def listen(bench: "Bench") -> list[Notebook]:
             f"{signal.name}, longest gap",
             longest <= limit,
             f"{longest / ms:.0f} ms",
-            f"at most {limit / ms:.0f} ms, after which it is stale",
+            f"at most {limit / ms:.0f} ms (its age limit)",
             value=longest,
             apart=limit,
         )
@@ -97,7 +97,7 @@ def ask(bench: "Bench") -> list[Notebook]:
         if np.isfinite(value) and not signal.low <= value <= signal.high:
             outside.append(f"{signal.name} = {signal.show(value)}")
     book.note(
-        "time of an answer, slowest",
+        "response time, slowest",
         slowest <= ANSWER_MAX,
         f"{slowest / ms:.1f} ms",
         f"at most {ANSWER_MAX / ms:.0f} ms",
@@ -105,9 +105,9 @@ def ask(bench: "Bench") -> list[Notebook]:
         apart=ANSWER_APART,
     )
     book.note("values out of their range", not outside, ", ".join(outside) or "none", "none")
-    book.note("what cannot be read", not refused, "; ".join(refused) or "none", "none")
+    book.note("signals that cannot be read", not refused, "; ".join(refused) or "none", "none")
     book.skip(
-        "exceptions, a lease, wrong frames", "the wiring does not state how this rig rejects wrong requests"
+        "exceptions, lease, wrong frames", "the wiring does not state how this rig rejects wrong requests"
     )
     return [book]
 
@@ -118,22 +118,22 @@ def lead(bench: "Bench") -> list[Notebook]:
     in_force = bench.settings.in_force()
     took = _arm(bench, states)
     limit = f"within {_ARM_WITHIN:g} s"
-    states.note("the way up to ACTIVE", True, f"after {took:.2f} s", limit, value=took, apart=1 * s)
+    states.note("start up to ACTIVE", True, f"after {took:.2f} s", limit, value=took, apart=1 * s)
     if bench.has("platform.vertical", "platform.vertical_setpoint"):
         _small_move(bench, motion)
     else:
-        motion.skip("the platform goes 2 mm up", "the rig cannot move it or does not report its position")
+        motion.skip("platform up by 2 mm", "the rig cannot move it or does not report its position")
     _silence(bench, silence)
     left = {name: value for name, value in bench.settings.in_force().items() if value != in_force[name]}
     found = ", ".join(f"{name} = {bench.table[name].show(value)}" for name, value in left.items())
-    silence.note("in force after silence", not left, found or "what was before", "what was before")
+    silence.note("settings after: loss of commands", not left, found or "unchanged", "unchanged")
     _hold(bench, states)
     return [states, motion, silence]
 
 
 def _arm(bench: "Bench", book: Notebook) -> float:
     """Arm the bench, and record the largest motion meanwhile. Return the time that it took (s)."""
-    with _watched(bench, book, "armed, before its first set-point"):
+    with _watched(bench, book, "ACTIVE without set-points"):
         before = bench.clock.now()
         bench.arm(within=_ARM_WITHIN)
         return (bench.clock.now() - before) / NS
@@ -143,9 +143,9 @@ def _hold(bench: "Bench", book: Notebook) -> None:
     """Arm the bench up to HOLD, send another set-point for its platform, record the largest motion, and bring the bench
     to rest.
     """
-    what, moved = "HOLD, whatever set-point comes", "platform.vertical"
+    what, moved = "HOLD after a new set-point", "platform.vertical"
     if not any("HOLD" in step.end for step in bench.wiring.sequences.up):
-        book.skip(what, "the rig has no HOLD on its way up")
+        book.skip(what, "the start sequence of the rig has no HOLD")
         return
     with _watched(bench, book, what):
         here = bench.readings.value(moved) if bench.has(moved, f"{moved}_setpoint") else math.nan
@@ -176,9 +176,9 @@ def _small_move(bench: "Bench", book: Notebook) -> None:
         bench.commander.ramp("platform.vertical_setpoint", start + MOVE, _RATE)
         bench.wait(min(1 * s, MOVE_WITHIN))
     way = bench.average("platform.vertical", over=0.2 * s) - start
-    right = "2 mm, 0.3 mm more or less"
+    right = "2 ± 0.3 mm"
     book.note(
-        "the platform goes 2 mm up",
+        "platform up by 2 mm",
         abs(way - MOVE) <= THERE,
         f"{way / mm:.2f} mm",
         right,
@@ -190,10 +190,10 @@ def _small_move(bench: "Bench", book: Notebook) -> None:
     latency = float(begun[0] - told - MOVE / 4 / _RATE) if begun.size else float("nan")
     limit = LATENCY_MAX + 2 * bench.wiring.capabilities.latency
     book.note(
-        "from set-point to motion",
+        "latency from set-point to motion",
         latency <= limit,
         f"{latency / ms:.0f} ms",
-        f"at most {limit / ms:.0f} ms, by what the wiring says of its latency",
+        f"at most {limit / ms:.0f} ms, from the latency in the wiring",
         value=latency,
         apart=TIME_APART,
     )
@@ -214,7 +214,7 @@ def _silence(bench: "Bench", book: Notebook) -> None:
     finally:
         bench.commander.start()
     book.note(
-        "silence, until it leaves ACTIVE",
+        "time from the last command to the end of ACTIVE",
         took <= SILENCE_MAX,
         f"{took / ms:.0f} ms, then {bench.state}",
         f"at most {SILENCE_MAX:g} s",
@@ -223,7 +223,7 @@ def _silence(bench: "Bench", book: Notebook) -> None:
     )
     bench.disarm()
     bench.reset()
-    book.note("it can be brought to rest", True, f"it is {bench.state}", "it is at rest")
+    book.note("return to rest", True, bench.state, "at rest")
 
 
 def _present(bench: "Bench", *kinds: Kind) -> list[Signal]:
@@ -240,7 +240,7 @@ def _sent_periodically(bench: "Bench", signal: Signal) -> bool:
 
 #: Groups without motion, and groups with motion.
 AT_REST: Final[tuple[tuple[str, Callable[["Bench"], list[Notebook]]], ...]] = (
-    ("listening", listen),
-    ("asking", ask),
+    ("messages", listen),
+    ("requests", ask),
 )
-MOVING: Final[tuple[tuple[str, Callable[["Bench"], list[Notebook]]], ...]] = (("moving", lead),)
+MOVING: Final[tuple[tuple[str, Callable[["Bench"], list[Notebook]]], ...]] = (("motion", lead),)

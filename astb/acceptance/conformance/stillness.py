@@ -63,8 +63,8 @@ def note_still(book: Notebook, what: str, courses: Courses) -> None:
     ):
         name, far = furthest(courses, names)
         if not name:
-            book.skip(f"{what}: {kind}", "the rig does not report them")
+            book.skip(f"{what}: {kind}", "the rig does not report these signals")
             continue
         found = f"{name} by {far / unit:.3f} {text}"
-        right = f"by {limit / unit:g} {text} at most"
+        right = f"by at most {limit / unit:g} {text}"
         book.note(f"{what}: {kind}", far <= limit, found, right, value=far, apart=limit)

@@ -21,7 +21,7 @@ from astb.acceptance.conformance.stillness import (
 )
 from bench_protocol.units import NS
 
-_GROUP: Final = "the next commander"
+_GROUP: Final = "next commander"
 
 
 def succeed(access: RawAccess) -> list[Notebook]:
@@ -29,7 +29,7 @@ def succeed(access: RawAccess) -> list[Notebook]:
     book = Notebook(_GROUP)
     line = access.modbus()
     if not (token := take(line)):
-        book.skip("arming", "another client holds the bench")
+        book.skip("arming", "another client has the lease")
         return [book]
     stream = Stream(access, token)  # of control bits alone
     stream.start()
@@ -40,7 +40,7 @@ def succeed(access: RawAccess) -> list[Notebook]:
             line.close()
             stream.stop()
             access.wait_for(lambda: access.listener.state != "ACTIVE", STEP_WITHIN)
-            note_rest(access, book, "the holder's connection is closed in ACTIVE")
+            note_rest(access, book, "end of the connection in ACTIVE")
     finally:
         stream.stop()
         line.close()
@@ -71,13 +71,13 @@ def _arm(access: RawAccess, line: ModbusConnection, stream: Stream, book: Notebo
     access.wait(2 * OVER)
     armed = way_up(access, line, stream, steps, "HOLD")
     access.wait(WATCH)
-    note_still(book, "armed by bits alone, and in HOLD", _since(access, start))
+    note_still(book, "HOLD without set-points", _since(access, start))
     if armed:
         stream.set("control.active", 1.0)
         armed = access.wait_for(lambda: access.listener.state == "ACTIVE", STEP_WITHIN)
         access.wait(WATCH)
-        note_still(book, "in ACTIVE, before the first set-point", _since(access, start))
-    book.note("the way up", armed, f"it is {access.listener.state}", "it is ACTIVE")
+        note_still(book, "ACTIVE without set-points", _since(access, start))
+    book.note("start up to ACTIVE", armed, access.listener.state, "ACTIVE")
     return armed
 
 
@@ -87,9 +87,7 @@ def _clear(access: RawAccess, book: Notebook) -> None:
     if token := take(line):
         stream = Stream(access, token)
         stream.start()
-        book.note(
-            "it is left at rest", reset(access, stream), f"it is {access.listener.state}", "it is DISABLED"
-        )
+        book.note("reset at the end", reset(access, stream), access.listener.state, "DISABLED")
         stream.stop()
         give_back(line)
     line.close()

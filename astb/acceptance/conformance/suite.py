@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from drivers.bench import Bench
 
 #: Groups without motion, and groups with motion.
-_AT_REST: Final = (("listening", listen), ("asking", ask), ("commanding", command))
-_MOVING: Final = (("moving", move), ("succeeding", succeed))
+_AT_REST: Final = (("messages", listen), ("requests", ask), ("commands", command))
+_MOVING: Final = (("motion", move), ("next commander", succeed))
 
 Subject = TypeVar("Subject")
 
@@ -62,13 +62,13 @@ def _findings(
             books += part(subject)
         except BenchError as error:
             book = Notebook(name)
-            book.note("to the end", False, str(error), "an answer")
+            book.note("all requests answered", False, str(error), "an answer")
             books.append(book)
     if not motion:
         book = Notebook("motion")
         book.skip(
-            "states, a small move, loss of commands, the next commander",
-            "without --allow-motion nothing is moved",
+            "states, motion, loss of commands, next commander",
+            "not tested without --allow-motion",
         )
         books.append(book)
     return joined(books)
