@@ -39,7 +39,7 @@ def list_command(rig_named: str | None, modbus_port: int | None) -> None:
         for one in fault["parameters"]:
             usual = f", usually {one['usual']}" if one["usual"] else ""
             click.echo(f"      {one['name']:<18} {_short(one['span'])}{usual}")
-    click.echo(f"on at {answer['time']:.3f} s:" if on else f"at {answer['time']:.3f} s no fault is on")
+    click.echo(f"on at {answer['time']:.3f} s:" if on else f"no fault is on at {answer['time']:.3f} s")
     for active in on:
         click.echo(f"  {_active_text(active)}")
 
@@ -99,7 +99,7 @@ def _send_order(rig_named: str | None, modbus_port: int | None, order: dict[str,
         answer: dict[str, Any] = msgspec.json.decode(ask(socket_path, msgspec.json.encode(order)))
     except (FileNotFoundError, ConnectionRefusedError):
         blocked(
-            f"no rig answers at {socket_path}; start one with `astb rig` and Modbus at {rig.modbus.host}:{port}"
+            f"no rig answers at {socket_path}; start it with `astb rig --rig {path}`, with Modbus on port {port}"
         )
     except OSError as error:
         blocked(error)

@@ -113,7 +113,7 @@ def test_the_command_breaks_mends_and_says_what_is_on(fault, shared_rig):
         ),
         ("drop", "seed=0.5", "drop: seed = 0.5 is not a whole number"),
         ("drop", "direction=up", "direction = up is unknown; use one of from_rig, to_rig, both"),
-        ("bias", "sensor=left.height", "bias: value (size of the error) is missing; add"),
+        ("bias", "sensor=left.height", "bias: value (size of the error) is missing; use"),
         ("bias", "sensor=left.height value=9m", "bias: value = 9m is outside -600 to 600 mm"),
         ("bias", "sensor=left.height value=nanm", "bias: value = nanm is outside -600 to 600 mm"),
         (

@@ -51,7 +51,7 @@ class FaultNumber:
     def span(self) -> str:
         """Return the range as text."""
         if self.unit in (OF_SENSOR, OF_SENSOR_PER_SECOND):
-            return f"up to the range {self.unit}, either way"
+            return f"± the range {self.unit}"
         unit = "" if self.unit == "1" else f" {self.unit}"
         return f"{self.low:g} to {self.high:.12g}{unit}"
 
@@ -160,7 +160,7 @@ class Fault:
             for one in self.parameters:
                 text = given.get(one.name, one.usual)
                 if text == "":
-                    raise FaultError(f"{one.name} ({one.text}) is missing; add {one.span}".replace("`", ""))
+                    raise FaultError(f"{one.name} ({one.text}) is missing; use {one.span}".replace("`", ""))
                 values[one.name] = one.read(text, str(values.get("sensor", "")))
         except FaultError as error:
             raise FaultError(f"{self.name}: {error}") from None

@@ -104,7 +104,7 @@ FAULTS: Final = (
     Fault(
         "leak",
         FaultPlace.PLANT,
-        "A hole in a bellows: the effect of this name, during a run.",
+        "A bellows leaks. This fault is the effect of the same name, at any time.",
         "At constant height, the pressure of the spring falls. The leveling valve compensates for it and uses "
         "supply air.",
         _leak,
@@ -114,7 +114,7 @@ FAULTS: Final = (
     Fault(
         "burst",
         FaultPlace.PLANT,
-        "A bellows tears: a hole that no valve can feed.",
+        "A bellows tears. No valve can replace the lost air.",
         "The spring loses its pressure within seconds. The bolster rests on its emergency spring, unless actuators "
         "hold it.",
         _burst,
@@ -124,8 +124,8 @@ FAULTS: Final = (
     Fault(
         "blocked_orifice",
         FaultPlace.PLANT,
-        "Dirt blocks a part of the orifice between bellows and auxiliary chamber: the effect of this name, during "
-        "a run.",
+        "Dirt blocks a part of the orifice between bellows and auxiliary chamber. This fault is the effect of the "
+        "same name, at any time.",
         "The pressures of bellows and auxiliary chamber differ during motion and filling, and the spring is "
         "stiffer.",
         _blocked,
