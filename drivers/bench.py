@@ -70,7 +70,7 @@ class Bench(Link):
         "left": "The left air spring with its auxiliary chamber.",
         "load_cell": "The six cells under the platform.",
         "platform": "The vibration platform.",
-        "rig": "What the rig says of itself, and how it is set up.",
+        "rig": "State and set-up of the rig.",
         "right": "The right air spring with its auxiliary chamber.",
         "supply": "The air supply.",
         "vertical": "Both vertical actuators together.",

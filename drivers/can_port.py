@@ -375,7 +375,7 @@ def open_can(
         if not has_interface(kind):
             raise LinkLost(
                 f"can = {spec!r} is not a CAN interface of this machine; use one of "
-                f"{', '.join((*can_interfaces(), 'tcp'))} (tcp is the simulated rig)"
+                f"{', '.join((*can_interfaces(), 'tcp'))} (tcp: the CAN server of a simulated rig)"
             )
         # Error frames are not used here. The filter costs nothing.
         bus = can.Bus(
@@ -388,7 +388,7 @@ def open_can(
         return PythonCanPort(bus, fd=fd)
     except (can.CanError, OSError) as error:
         raise LinkLost(
-            f"the CAN bus '{spec}' cannot be opened: {error}; `astb doctor` lists the interfaces"
+            f"the CAN bus '{spec}' cannot be opened: {error}; check that the rig runs; `ip link` lists the interfaces"
         ) from error
 
 

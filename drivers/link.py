@@ -108,7 +108,7 @@ class Link:
         if self.has("rig.reason"):
             text += f", reason: {self.readings.choice('rig.reason')}"
         if self.state == "OFF":
-            text += ", the power of valves and actuators was lost or switched off"
+            text += "; valves and actuators have no power"
         tripped = self.table.tripped(self.readings.value_or_nan("rig.tripped"))
         if tripped is not None:
             text += f", first limit: {self.readings.show(tripped.name)}"
@@ -139,7 +139,7 @@ class Link:
         token = self.readings.value_or_nan("rig.lease")
         if self.wiring.is_own(int(port) if port > 0 else 0, token):
             return (
-                "the bench regards this commander as lost, and no longer accepts its commands; "
+                "this commander has lost its lease, and the bench refuses its commands; "
                 f"connect again ({count:.0f} frames or requests refused)"
             )
         identifier = self.readings.value_or_nan("rig.stranger_identifier")

@@ -310,7 +310,7 @@ class InMemoryModbus(ModbusPort):
     """
 
     def __init__(self, answer: Callable[[bytes], bytes], unit: int = 1) -> None:
-        super().__init__(SharedClient(_FunctionClient(answer), "the device in memory"), unit)
+        super().__init__(SharedClient(_FunctionClient(answer), "the simulated PLC"), unit)
 
 
 class _FunctionClient(ModbusTcpClient):

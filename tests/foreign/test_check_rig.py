@@ -67,7 +67,7 @@ def test_our_rig_passes_and_its_commander_is_undisturbed():
         assert bench.rig.strangers == 0
     assert report.state == "ACTIVE"
     assert report.doubtful == []
-    assert "held by the commander with token" in report.identity
+    assert "lease: the commander with token" in report.identity
 
 
 @pytest.mark.slow

@@ -287,7 +287,7 @@ class AstbRegisters:
     def holder_text(self) -> str:
         """Return as text which client holds the lease."""
         if not self.holder():
-            return "nobody"
+            return "no client"
         token, port = self.reading("rig.lease"), self.reading("rig.holder")
         holder = (
             "a commander that does not send on CAN yet"

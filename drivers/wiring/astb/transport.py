@@ -171,7 +171,7 @@ class AstbTransport:
         failure = self.watchdog.failure if self.commands else None
         if failure is None or isinstance(failure, NotCommander):
             return failure
-        return LinkLost(f"the rig's watchdog cannot be fed: {failure}")
+        return LinkLost(f"the watchdog of the rig cannot be reset: {failure}")
 
     # -- connection ----------------------------------------------------------------------------------------------
 
@@ -264,8 +264,8 @@ class AstbTransport:
         """Return as text which signal table the rig uses (its hash, or the difference to ours), and who holds the
         lease.
         """
-        table = self.differs or f"table of signals {self._table.map_hash:#010x}"
-        return f"{table}; held by {self.registers.holder_text()}"
+        table = self.differs or f"signal map {self._table.map_hash:#010x}"
+        return f"{table}; lease: {self.registers.holder_text()}"
 
     def source(self, name: str) -> str:
         """Return the CAN message or register of a signal."""
