@@ -88,7 +88,9 @@ def test_units_calibration_and_what_tells_settings_are_filled_in(tmp_path):
     cell = {"from": "bus.CellsA.Cell1", "unit": "kg", "calibration": {"gain": "9.80665 N/kg"}}
     assert told["load_cell.1"] == cell
     assert told["air.dpv"] == {"to": "bus.Parameter.Bridge", "read": "bus.ParameterIs.Bridge"}
-    assert told["lateral.acceleration"] == {"absent": "not found; see the candidates above"}
+    assert told["lateral.acceleration"] == {
+        "absent": "not found; see the candidates above, with their similarity (0 to 1)"
+    }
     assert told["rig.pipe"] == {"absent": "not found; no point has such a name and unit"}
 
 

@@ -78,7 +78,7 @@ class _Examination:
                     name=one.name,
                     verdict=Plausibility.UNTOLD,
                     source=self.wiring.source(one.name),
-                    remark="only written",
+                    remark="ASTB only writes it",
                 )
         return CheckReport(
             rig=rig or wiring.rig,
@@ -152,7 +152,7 @@ class _Examination:
             name=signal.name,
             verdict=Plausibility.UNTOLD if idle else Plausibility.FINE,
             source=source,
-            remark="no car rides" if idle else "",
+            remark="no plan simulates a car now" if idle else "",
             shown=signal.show(value) if known else "",
             value=value if known else None,
             rate=rate,

@@ -21,7 +21,7 @@ _SAID: Final = ("rig.state", "rig.reason", "rig.nominal_preload", "rig.orifice_d
 #: Signals that drivers and plans need, in the order of the file; the others are optional.
 GROUPS: Final = {
     "Measurements": [one.name for one in TABLE.of_kind(Kind.MEASUREMENT)],
-    "What the rig says of itself": ["rig.state", "rig.reason", "interlock.estop"],
+    "State and reason": ["rig.state", "rig.reason", "interlock.estop"],
     "Set-points": [
         one.name
         for one in TABLE.of_kind(Kind.SETPOINT)
@@ -35,7 +35,7 @@ GROUPS: Final = {
 }
 #: Maximum length of the description after a candidate.
 _TOLD_MAX: Final = 80
-_READINGS: Final = ("Measurements", "What the rig says of itself")
+_READINGS: Final = ("Measurements", "State and reason")
 _POLLED: Final = 'group = "fast"'
 WANTED: Final = [name for names in GROUPS.values() for name in names]
 _PLC: Final = """\
@@ -103,7 +103,7 @@ def skeleton(
         if unsaid := sum(one.written and one.read for one in points):
             text += f"# The DBC does not name the sender of {unsaid} signals: direction is derived from their names.\n"
             text += "# If senders are added, node = NAME prevents that signals of the rig are sent.\n"
-        text += "# Our own messages: rate, counter and checksum, as docs/reference/wiring.md has them.\n"
+        text += "# Messages that ASTB sends: rate, counter and checksum; see docs/reference/wiring.md.\n"
         text += '# [transports.bus.messages.SETPOINTS]\n# every = "10 ms"\n\n'
         text += _nulls(points)
     rows: list[DescribedPoint] = []
@@ -158,7 +158,7 @@ def matches(points: Sequence[DescribedPoint]) -> tuple[dict[str, Match], dict[st
 def _needed_by() -> dict[str, str]:
     """Return the number of plans that need a signal, as text by signal."""
     found = plans_by_need().items()
-    return {name: f"{len(needing)} plans need it" for name, needing in found if name in TABLE.index}
+    return {name: f"plans that need it: {len(needing)}" for name, needing in found if name in TABLE.index}
 
 
 def _entry(signal: Signal, one: Match, back: Match | None, needed: str) -> str:
@@ -171,7 +171,11 @@ def _entry(signal: Signal, one: Match, back: Match | None, needed: str) -> str:
     others = "".join(
         f"#   {value:.2f} {point.name}{_unit(point)}{_numbers(point)}\n" for value, point in one.candidates
     )
-    why = "not found; see the candidates above" if others else "not found; no point has such a name and unit"
+    why = (
+        "not found; see the candidates above, with their similarity (0 to 1)"
+        if others
+        else "not found; no point has such a name and unit"
+    )
     return f'{head}{others}"{signal.name}" = {{ absent = "{why}" }}\n'
 
 
