@@ -43,8 +43,8 @@ CONNECT: Final = 0.3 * s
 APT: Final = "apt install"
 #: Programs that a user may use next to the bench, the package that contains them, and their purpose.
 TOOLS: Final = {
-    "mbpoll": ("mbpoll", "an independent Modbus client"),
-    "tshark": ("tshark", "live views of the bus, `astb rig --capture-port`"),
+    "mbpoll": ("mbpoll", "tests with a Modbus client from another source"),
+    "tshark": ("tshark", "view of the bus traffic, `astb rig --capture-port`"),
     "candump": ("can-utils", "SocketCAN tools: candump, cansend, canplayer"),
 }
 

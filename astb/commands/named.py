@@ -187,21 +187,20 @@ KINDS: Final[Mapping[str, Kind]] = {
 _FOLDERS: Final = ("rigs", "demos")
 
 
-def _read_kind(ctx: click.Context, param: click.Parameter, text: str) -> str:
-    """Return the kind for its singular or plural, such as rigs for rig. Raises click.BadParameter for another text."""
-    for kind, one in KINDS.items():
-        if text in (kind, one.singular):
-            return kind
-    raise click.BadParameter(f"there is no kind {text!r}; {did_you_mean(text, KINDS)}", ctx, param)
-
-
 def _complete_names(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
     kind = KINDS.get(ctx.params.get("kind", ""))
     return complete_from(kind.known)(ctx, param, incomplete) if kind else []
 
 
 def _kind_argument(kinds: Iterable[str]) -> Callable[..., Any]:
-    return click.argument("kind", callback=_read_kind, shell_complete=complete_from(lambda: kinds))
+    def read_kind(ctx: click.Context, param: click.Parameter, text: str) -> str:
+        """Return the kind for its singular or plural, such as rigs for rig. Raises click.BadParameter otherwise."""
+        for kind, one in KINDS.items():
+            if text in (kind, one.singular):
+                return kind
+        raise click.BadParameter(f"there is no kind {text!r}; {did_you_mean(text, kinds)}", ctx, param)
+
+    return click.argument("kind", callback=read_kind, shell_complete=complete_from(lambda: kinds))
 
 
 @click.command("list")
@@ -221,7 +220,7 @@ def list_command(kind: str, names: tuple[str, ...], as_json: bool) -> None:
     wirings      wirings of rigs
     parameters   parameter sets, for --model
     demos        measured data with a map each, for astb diagnose
-    effects      faults and model errors, for --effect; astb diagnose finds them
+    effects      model errors, for --effect; astb diagnose finds them
     """
     described = {name: KINDS[kind].describe(name) for name in names or KINDS[kind].known()}
     if as_json:
