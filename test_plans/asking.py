@@ -53,7 +53,7 @@ def answer_to(run: Asking, question: Question) -> Answer:
     try:
         found = _ask_and_wait(run, question)
     except Unanswered as reason:
-        run.keep("answer", f"none: {reason}")
+        run.keep("answer", f"not answered: {reason}")
         raise type(reason)(f"{question.text}: {reason}") from None
     run.keep("answer", found.text, by=found.by, after=(run.now - start) / NS)
     if found.text == ABORT:

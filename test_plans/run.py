@@ -63,7 +63,7 @@ class NoTwin:
 #: Signal that counts the ticks that began more than one period after their deadline.
 LATE_TICKS: Final = "rig.late_ticks"
 #: Why a plain number has no uncertainty.
-PLAIN: Final = "the plan does not say"
+PLAIN: Final = "the plan states none"
 
 
 class PlanError(Exception):
@@ -289,7 +289,9 @@ class Run:
         start, self._announced_hold, self._in_hold = self.now, by, True
         try:
             with self.phase(f"held {where}"):
-                self.say(f"held {where}, as {by} asked; the valves are shut, the actuators stay")
+                self.say(
+                    f"held {where}, on request of {by}: the valves are shut, and the actuators do not move"
+                )
                 self.suspension.hold(self, where, HOLD_WITHIN)
                 self.say(f"continues after {(self.now - start) / NS:.0f} s")
         finally:
@@ -306,7 +308,9 @@ class Run:
         self.suspension.left = can_still_be_held(sys._getframe(1), self.to_come)
         if not self.suspension.left and (by := self.suspension.wanted_by):
             self.suspension.resume()
-            self.say(f"{by} asked to hold, but this plan has no hold point left: it continues to its end")
+            self.say(
+                f"{by} requested a hold, but this plan has no further hold point: it continues to its end"
+            )
 
     def not_available(self, checks: Iterable[str], reason: str) -> None:
         """Record ``checks`` as *not available*, with the ``reason``."""
@@ -376,7 +380,7 @@ class Run:
         self._look_for_hold_points()
         if (by := self.suspension.wanted_by) and not self.suspension.held_at and by != self._announced_hold:
             self._announced_hold = by
-            self.say(f"{by} asks to hold: the plan continues to the next place where it can be held")
+            self.say(f"{by} requests a hold: the plan continues to its next hold point")
         if self.lasts:
             self.progress((self.now - self.start) / NS / self.lasts)
         try:

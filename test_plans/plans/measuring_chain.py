@@ -88,16 +88,15 @@ AT_BLOCKS: Final = 10 * mm
 READS_ZERO: Final = {
     Group.PRESSURE: CheckName(
         "{of}",
-        "What the transducer reads without air: every pressure, and every load computed from one, is wrong by as much.",
+        "What the transducer reads without air: every pressure has this error, and every load computed from it.",
     ),
     Group.VERTICAL_FORCE: CheckName(
         "{of}",
-        "What an actuator's force reads while it presses on nothing: every preload is wrong by as much.",
+        "What an actuator's force reads without load: every preload has this error.",
     ),
     Group.LATERAL_FORCE: CheckName(
         "{of}",
-        "What the lateral actuator's force reads while it pushes against "
-        "nothing: it shifts the middle of every lateral loop.",
+        "What the lateral actuator's force reads without load: it shifts the middle of every lateral loop.",
     ),
     Group.LATERAL_LOAD_CELL: CheckName(
         "{of}",
@@ -139,7 +138,7 @@ OFF_THE_LINE: Final = CheckName(
 )
 SIDEWAYS: Final = CheckName(
     "lateral cells over actuator",
-    "The slope of the lateral cells' force over the lateral actuator's: every lateral stiffness is wrong by as much.",
+    "The slope of the lateral cells' force over the lateral actuator's: every lateral stiffness has this error.",
 )
 SIDEWAYS_OFF_THE_LINE: Final = CheckName(
     "lateral cells over actuator, off the line",

@@ -201,9 +201,9 @@ def test_a_run_is_held_at_the_next_place_with_shut_valves_and_goes_on_with_what_
     assert "held between two loads" in [phase.name for phase in run.result.phases]
     events = read(run.directory).events
     said = [event.text for event in events if event.kind == "note"]
-    assert said[0] == "the panel asks to hold: the plan continues to the next place where it can be held"
+    assert said[0] == "the panel requests a hold: the plan continues to its next hold point"
     assert len(said) == 3
-    assert said[1].startswith("held between two loads, as the panel asked")
+    assert said[1].startswith("held between two loads, on request of the panel")
     settings = [event.data for event in events if event.kind == "setting" and "air.left_mode" in event.data]
     assert [one["air.left_mode"] for one in settings][-3:] == ["level", "hold", "level"]
 
