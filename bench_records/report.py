@@ -201,8 +201,8 @@ def _conditions(result: Result, record: Record, twin: TwinStory | None) -> Itera
             element("pre", incident.story, "story"),
             drawing(incident.drawing),
             caption(
-                "Times are in s since the start of the rig. The file black_box.parquet has all samples from 10 s "
-                "before to 10 s after the incident."
+                "The times in the list count from the start of the rig, those in the plot from the incident. The file "
+                "black_box.parquet has all samples from 10 s before to 10 s after the incident."
             ),
         )
 

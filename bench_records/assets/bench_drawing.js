@@ -201,7 +201,7 @@ window.benchDrawing = (() => {
       this.box(svg, press - 0.09, at.top - 0.3, 0.18, 0.24, { class: "cylinder" });
       const rod = make(svg, "path", { class: "rod" });
       const force = make(svg, "path", { class: "force" });
-      this.label(`vertical_${side}.force`, press - way * 0.13, at.top - 0.2, `press ${side}`, { toward: -way });
+      this.label(`vertical_${side}.force`, press - way * 0.13, at.top - 0.2, `vertical ${side}`, { toward: -way });
       return { side, way, spring, chamber, orifice, laser, flow, valve, mode, press, rod, force };
     }
 

@@ -15,7 +15,7 @@ window.benchReplay = (place, told, numbers, moved = () => {}) => {
   const slider = make("input", { type: "range", min: 0, max: last, step: 1, value: 0, label: "instant of the run" });
   const play = make("button", { type: "button" }, "Play");
   const pace = choice("how fast it plays", [1, 4, 16].map((times) => [times, `× ${times}`]));
-  const large = choice("how much the motion is magnified", [1, 3, 10].map((times) => [times, times > 1 ? `motion × ${times}` : "motion as it is"]));
+  const large = choice("how much the motion is magnified", [1, 3, 10].map((times) => [times, times > 1 ? `motion × ${times}` : "true motion"]));
   const events = choice("go to an event", [["", "go to an event"], ...told.events.map(([when, text]) => [when, `${when.toFixed(1)} s  ${text}`])]);
   const said = make("output", {});
   place.replaceChildren(make("div", { className: "replay-bar" }, play, pace, slider), make("div", { className: "replay-bar" }, said, events, large));
