@@ -112,10 +112,10 @@ class Live:
     @property
     def cannot_hold(self) -> str:
         """Why the run cannot be held from now on, with advice; "" if it can be held."""
-        where = f" after {' › '.join(self._step)}" if self.can_hold else ""
         if self.can_hold and (self._suspension is None or self._suspension.left):
             return ""
-        return f"this run cannot be held: {self._plan} has no hold point{where}; wait for its end, or stop the run"
+        further = "further " if self.can_hold else ""
+        return f"this run cannot be held: {self._plan} has no {further}hold point; wait for its end, or stop the run"
 
     # -- snapshots for other threads -------------------------------------------------------------------------------
 

@@ -217,7 +217,9 @@ class Access:
     def require_token(self, connection: HTTPConnection) -> None:
         """Raise NotAllowed for a client without the token."""
         if not self.may_command(connection):
-            raise NotAllowed("this page can only watch; to command, open the address that the terminal shows")
+            raise NotAllowed(
+                "this page can only watch; to command, open the address `to command` of the terminal"
+            )
 
     def require_seat(self, connection: HTTPConnection) -> None:
         """Raise NotAllowed for a client without the token, or if another page has the seat.

@@ -164,7 +164,7 @@ class Runs:
         rig did not receive it.
         """
         if self._watch.lacks_stop and not self.going:
-            raise CannotDo(f"press the emergency stop on the rig: {self._watch.lacks_stop}")
+            raise CannotDo(self._watch.lacks_stop)
         self._stops += 1
         at, pid, by = wall_time_ns(), self._watch.status.pid, by.strip() or SOMEBODY
         try:
@@ -173,9 +173,9 @@ class Runs:
             answer = {"error": "the run does not answer"}
         if "error" not in answer:
             how = (
-                "the run brings the bench to its safe position and ends"
+                "the run was commanded to bring the bench to its safe position, and to end"
                 if answer.get("bench")
-                else "no plan of the run was on the bench, and the run ends"
+                else "no plan of the run commanded the bench; the run was commanded to end"
             )
         elif pid is not None or self._starting:
             self._kill(pid)
@@ -213,9 +213,7 @@ class Runs:
             rig = self._watch.present()
             if not rig.link and rig.at_rest:
                 return f"the rig is in its safe position already: its state is {rig.state}"
-            raise CannotDo(
-                f"THE RIG DID NOT TAKE ITS SAFE POSITION, press the emergency stop on the rig: {error}"
-            ) from None
+            raise CannotDo(f"the rig did not take its safe position: {error}") from None
         return "the rig was commanded to its safe position"
 
     def reset(self) -> None:

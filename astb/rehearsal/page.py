@@ -104,7 +104,7 @@ def _limits(found: Rehearsal) -> Markup:
     if found.refusal:
         note += " Readings after the end of the plan do not count."
     if silent:
-        note += f" {silent} limits on missing readings are not listed, because each used less than 10 %."
+        note += f" {silent} limits on the age of readings are not listed, because each used less than 10 %."
     heads = (
         "limited reading | first :n | closest :n value | limit :n | used | phase and time | action | source"
     )

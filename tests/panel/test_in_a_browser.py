@@ -139,7 +139,7 @@ def test_a_page_outlives_its_server_and_stops_the_run_that_went_on(
     commander.click("#estop")
     until(commander, "#state", "DISABLED")
     until(viewer, "#last .verdict", "blocked")
-    until(viewer, "#last", "the run brings the bench to its safe position")
+    until(viewer, "#last", "the run was commanded to bring the bench to its safe position")
     told = until(viewer, ".stopped", "springs empty at")
     assert re.fullmatch(
         r"Stopped by A. Tester at \d+:\d\d:\d\d.*; springs empty at \d+:\d\d:\d\d.*\.", told

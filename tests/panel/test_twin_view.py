@@ -93,7 +93,7 @@ def test_the_view_says_since_when_they_part_in_which_reading_and_why_perhaps(ope
         "hole of 0.20 mm²",
     ):
         assert words in text, (words, text)
-    assert "detected at 222.0" in text and "narrowed down at 250.0" in text
+    assert "reported at 222.0" in text and "narrowed down at 250.0" in text
     assert page.get_attribute(".strip", "aria-label").endswith(
         "200.0\u2009s to 214.0\u2009s agreed; 214.0\u2009s to 300.0\u2009s deviated"
     )

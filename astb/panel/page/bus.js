@@ -35,9 +35,9 @@ function facts({ rig, run }) {
   return [
     fact("Rig controlled by", ...who(lease, holder, run)),
     fact("Late ticks", fixed(rig["rig.late_ticks"], 0), worst === null ? "" : `largest delay ${fixed(1000 * worst, 2)}\u2009ms`),
-    fact("Commands refused", fixed(rig["rig.rejected_commands"], 0), "frames with wrong checksum, counter or token"),
+    fact("Commands refused", fixed(rig["rig.rejected_commands"], 0), "frames with a wrong checksum or counter"),
     fact("Set-points refused", fixed(rig["rig.refused_setpoints"], 0), "out of range"),
-    fact("From other clients", fixed(strangers, 0), strangers ? `last: ${last}${port ? ` from TCP port ${port}` : ""}` : "frames and requests without the token, refused"),
+    fact("From other clients", fixed(strangers, 0), strangers ? `last: ${last}${port ? ` from TCP port ${port}` : ""}` : "refused frames and requests without the lease"),
   ];
 }
 

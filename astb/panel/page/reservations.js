@@ -18,7 +18,7 @@ export function show(element, panel) {
   element.append(
     make("div", { class: "view" },
       make("section", { class: "card" }, make("h2", {}, "Reserve the rig"),
-        make("p", { class: "said" }, "During a reservation, only its operator can start runs. Other operators cannot start a run that would end after its begin. `astb run --wait` waits until the rig is free."),
+        make("p", { class: "said" }, "During a reservation, only its operator can start runs. Before it, other operators can only start runs that end before it begins. `astb run --wait` waits until the rig is free."),
         make("div", { class: "filters" }, make("label", {}, "operator", by), make("label", {}, "from", start), make("label", {}, "until", end), make("label", {}, "purpose", purpose), add), wrong),
       make("section", { class: "card", "aria-label": "reservations" }, list)));
   const leave = panel.link.listen(() => [add, ...list.querySelectorAll("button")].forEach((one) => (one.disabled = !token())));

@@ -39,7 +39,7 @@ function told({ last, stopped }) {
     make("h2", {}, `Last run${last.plan ? `: ${last.plan}` : ""}`),
     make("div", { class: `verdict ${last.verdict}` }, last.verdict, button),
     text,
-    reason && stopped ? make("details", {}, make("summary", {}, "Reason given by the run"), reason) : reason,
+    reason && stopped ? make("details", {}, make("summary", {}, "Reason in the report"), reason) : reason,
     failures(last.failed ?? []),
     last.record ? make("p", {}, make("a", { href: `/kept/report?run=${encodeURIComponent(last.record)}`, target: "_blank" }, "Report")) : null,
   ].filter(Boolean);

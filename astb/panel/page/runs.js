@@ -41,7 +41,7 @@ export function show(element, panel) {
     seen = text;
     runs = found.runs;
     const left = Object.keys(found.unreadable);
-    said.textContent = `${runs.length} runs in ${found.folder}${left.length ? `; not readable: ${left.join(", ")}` : ""}`;
+    said.textContent = `${runs.length} runs in the folder ${found.folder}${left.length ? `; not readable: ${left.join(", ")}` : ""}`;
     for (const [column, one] of Object.entries(filters)) one.offer([...new Set(runs.map((run) => run[column]).filter(Boolean))].sort());
     fill();
   }

@@ -89,7 +89,7 @@ export function starting(panel, order, told) {
   vent.addEventListener("click", () => order("/api/vent"));
 
   return {
-    element: make("div", {}, last, make("h2", {}, "Run a plan", button), text, unusable, choice, about, make("details", {}, make("summary", {}, "Instruction"), instruction), why, fields,
+    element: make("div", {}, last, make("h2", {}, "Run a plan", button), text, unusable, choice, about, make("details", {}, make("summary", {}, "What the plan does"), instruction), why, fields,
       make("label", {}, "specimen"), specimen,
       make("div", { class: "pair" }, make("label", {}, "operator", operator), make("label", {}, "ambient conditions", ambient)),
       make("label", { class: "check", title: "A model runs in parallel with the rig. The panel shows deviations, their start and their possible causes." }, twin, " compare with the model"),

@@ -27,7 +27,7 @@ async function stop() {
     await window.astb.entered;
     await order("/api/estop", { by: who() });
   } catch (error) {
-    say(`STOP did not work: ${error.message}. Press the emergency stop of the rig.`);
+    say(`STOP did not work. Press the emergency stop of the rig. Reason: ${error.message}`);
   }
 }
 

@@ -7,7 +7,7 @@ import { asked, choice, name, repeated, table } from "/page/tables.js";
 const AGAIN = 1000; // ms until it is looked at anew
 const NONE = "No run in this folder was compared with its model. To compare the next run, tick “compare with the model” before the start. To compare a recorded run, use `astb watch RUN`.";
 const WORDS = { true: ["along", "agreed"], false: ["parted", "deviated"], null: ["blind", "not judged"] };
-const COURSE = { told: "detected", surer: "narrowed down", otherwise: "changed" };
+const COURSE = { told: "reported", surer: "narrowed down", otherwise: "changed" };
 const FORMS = { "at once": "sudden", growing: "grows", "gone again": "temporary" };
 
 export function show(element) {
@@ -75,7 +75,7 @@ class Lately {
   arrange(minute) {
     for (const { plot } of this.plots.values()) plot.close();
     this.plots.clear();
-    this.element.replaceChildren(...(minute ? [make("p", { class: "said" }, "Last minute that could be judged; time of the run in s. Line: measured mean over 0.5 s. Dashed line: value of the model. Shaded: its uncertainty (k = 2).")] : []));
+    this.element.replaceChildren(...(minute ? [make("p", { class: "said" }, "The last judged minute; time of the run in s. Line: measured mean over 0.5 s. Dashed line: value of the model. Shaded: its uncertainty (k = 2).")] : []));
     for (const one of minute?.channels ?? []) {
       const [head, area] = [make("div", { class: "head" }), make("div", { class: "area" })];
       const card = make("div", { class: "card", "aria-label": one.label }, head, area);
@@ -112,7 +112,7 @@ function beyond(bands) {
 function parting(one, parts) {
   const bands = (one.measured - one.expected) / one.band;
   const causes = [...one.causes.map((cause) => [cause]), ...one.pairs];
-  const state = one.withdrawn ? "withdrawn" : one.over !== null ? `ended at ${at(one.over)}` : "continues";
+  const state = one.withdrawn ? "withdrawn" : one.over !== null ? `ended at ${at(one.over)}` : "no end detected";
   const began = one.earliest === null ? at(one.since) : `${at(one.since)} (${fixed(one.earliest, 1)} to ${fixed(one.latest, 1)})`;
   return make("section", { class: "card parting" },
     make("h2", { class: "title" }, one.channel, make("small", { class: one.lasts ? "parted" : "" }, ` ${state}`)),
@@ -120,9 +120,9 @@ function parting(one, parts) {
     make("div", { class: "facts" }, fact("measured", one.measured, one.unit), fact("expected", one.expected, one.unit, ` ± ${short(one.band)}`), make("div", { class: "fact" }, make("small", {}, "difference"), make("b", {}, beyond(bands))), make("div", { class: "fact" }, make("small", {}, "since"), make("b", {}, began))),
     residual(bands),
     causes.length
-      ? table(["possible cause", "size (k = 2)", "over time", "since"], causes.map((some) => ({ cells: [lines(some, (c) => c.title), lines(some, (c) => c.shown), lines(some, (c) => FORMS[c.form] ?? c.form), lines(some, (c) => (c.since === null ? "before the comparison began" : some.length === 1 && c.form === "at once" ? at(one.since) : at(c.since) + (c.until === null ? "" : ` to ${at(c.until)}`)))] })))
+      ? table(["possible cause", "size (k = 2)", "over time", "since"], causes.map((some) => ({ cells: [lines(some, (c) => c.title), lines(some, (c) => c.shown), lines(some, (c) => (c.since === null && c.form === "at once" ? "constant" : FORMS[c.form] ?? c.form)), lines(some, (c) => (c.since === null ? "before the comparison" : some.length === 1 && c.form === "at once" ? at(one.since) : at(c.since) + (c.until === null ? "" : ` to ${at(c.until)}`)))] })))
       : make("p", { class: "said" }, "No known cause explains the deviation. Run `astb run screening`, then `astb diagnose`."),
-    one.course.length ? make("p", { class: "said" }, "History: ", one.course.map((said) => `${COURSE[said.word] ?? said.word} at ${at(said.at)}${said.causes.length ? ` (${said.causes.map((c) => c.shown ? `${c.name} ${c.shown}` : c.name).join(" or ")})` : ""}`).join("; ")) : null);
+    one.course.length ? make("p", { class: "said" }, "History: ", one.course.map((said) => `${COURSE[said.word] ?? said.word} at ${at(said.at)}${said.causes.length ? ` (${said.causes.map((c) => c.shown ? `${c.title} ${c.shown}` : c.title).join(" or ")})` : ""}`).join("; ")) : null);
 }
 
 const short = (value) => String(Number(value.toPrecision(2)));

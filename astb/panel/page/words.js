@@ -21,8 +21,8 @@ export const WORDS = {
   "running": "The run is in progress.",
   // the contacts of the rig
   "estop": "The emergency stop button of the rig. After it was pressed, release the button, then click “Reset fault”.",
-  "pneumatic": "The interlock that removes the pressure. It is open while the bench is at rest, and closes when the air is on.",
-  "program": "The interlock that stops the function generator. It is open while the bench is at rest, and closes before it moves.",
+  "pneumatic": "The contact of the interlock that removes the pressure. It is open while the bench is at rest, and closes when the air is on.",
+  "program": "The contact of the interlock that stops the function generator. It is open while the bench is at rest, and closes before the bench moves.",
   "command": "Shows whether valid commands arrive in time.",
   "limits": "Shows whether a limit has tripped since the last reset.",
   "fault": "Shows whether a fault is stored. “Reset fault” clears it.",
