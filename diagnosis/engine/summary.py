@@ -305,7 +305,8 @@ def _shown_by(found: Finding) -> str:
     """
     if not found.causes and not found.unknowns:
         return ""
-    without, having = _models(found)
+    without, _ = _models(found)
+    having = f"with {'them' if len(found.models.effects) > 1 else 'it'}"
     seen = [one for one in found.gains[1:] if one.fraction is not None]
     if seen and not found.suspected:
         one = max(seen, key=lambda gain: gain.noise_ratio_before or 0.0)
@@ -369,7 +370,7 @@ def _next_step(found: Finding, beside: Conclusions) -> str:
         return "Add the effect that you expect to the catalogue, and repeat the diagnosis."
     places = dict.fromkeys(WHERE[one.family] for one in effects if one.family in WHERE)
     others = dict.fromkeys(one.title for one in effects if one.family not in WHERE)
-    parts = [f"General advice for this kind of cause: inspect {'; '.join(places)}."] if places else []
+    parts = [f"General advice for such causes: inspect {'; '.join(places)}."] if places else []
     parts += [f"Search for: {'; '.join(others)}."] if others else []
     tests = [one.separated_by for one in effects if one.separated_by]
     if found.next_runs:
@@ -386,7 +387,7 @@ def _why_this_run(found: Finding) -> str:
     clear = found.causes and found.verdict is not Verdict.AMBIGUOUS and not found.suspected
     if not clear or any(one.laws for one in found.causes):
         return "Make this run next"
-    what = found.causes[0].title if found.causes[1:] else "the cause"
+    what = f'"{found.causes[0].title}"' if found.causes[1:] else "the cause"
     return f"This run distinguishes {what} from similar effects"
 
 
