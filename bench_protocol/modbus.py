@@ -141,7 +141,8 @@ class AduStream:
 
 
 def answer(adu: bytes, bank: Bank, units: Collection[int] = OWN_UNITS) -> bytes:
-    """Return the response ADU of ``bank`` to one request ADU (from ``AduStream``).
+    """Return the response ADU of ``bank`` to one request ADU (from ``AduStream``). A request to a unit that is not in
+    ``units`` is refused.
 
     Every refusal becomes an exception response. Other errors of the bank are not caught.
     """

@@ -88,7 +88,9 @@ def lock_yielding(mutex: int) -> int:
 
 @inlined
 def unlock_yielding(mutex: int, thread: int) -> None:
-    """Unlock the mutex and take the interpreter back, if it was released."""
+    """Unlock the mutex and take the interpreter back, if `lock_yielding` released it. ``thread`` is the result of
+    `lock_yielding`.
+    """
     unlock_mutex(mutex)
     if thread != 0:
         enter_interpreter(thread)
@@ -103,7 +105,9 @@ def now(spec: Any) -> int:
 
 @inlined
 def sleep_until(deadline: int, spec: Any) -> None:
-    """Return at ``deadline`` (monotonic, ns), or at once if it has passed; a signal does not cut it short."""
+    """Return at ``deadline`` (monotonic, ns), or at once if it has passed; a signal does not shorten the sleep.
+    ``spec``: int64[2].
+    """
     spec[0], spec[1] = deadline // _SECOND, deadline % _SECOND
     while _clock_nanosleep(_CLOCK_MONOTONIC, _ABSOLUTE, spec.ctypes.data, 0) != 0:
         pass

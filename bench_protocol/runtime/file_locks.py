@@ -10,7 +10,7 @@ except ImportError:  # not a Unix
 
 def hold(file: IO[Any] | int, *, shared: bool = False, wait: bool = False) -> bool:
     """Lock an open ``file`` until it is closed; return True. If another process has the lock, wait if ``wait``, else
-    return False.
+    return False. A ``shared`` lock excludes only locks that are not shared.
 
     Returns True also without a lock, if the system or the file system does not support locks.
     """
