@@ -46,8 +46,8 @@ def recover(directory: Path | str) -> Recovery:
 
 
 def convert(stream: Path, meta: dict[str, Any], *, recovering: bool = False) -> Recovery:
-    """Write a Parquet file and ``meta.json`` next to a stream, and remove the stream. ``meta`` is added to the facts
-    of the record.
+    """Write a Parquet file and ``meta.json`` next to a stream, and remove the stream. ``meta`` is added to the facts of
+    the record; with ``recovering`` they state how much was recovered.
 
     Raises ``RecordError`` if the file is not a stream of this format. Raises ``NotKept`` if the files cannot be
     written; the stream then remains.

@@ -92,7 +92,8 @@ class _Found(NamedTuple):
 def read_table(
     path: Path, into: Path, known: Known, meta: dict[str, Any], account: Account, keys: ImportKeys
 ) -> int:
-    """Make a record in the directory ``into`` from a table with a clock. Return the number of samples.
+    """Make a record in the directory ``into`` from a table with a clock. Return the number of samples. ``known``
+    returns the description of a signal, or None; ``meta`` is added to the meta data.
 
     Raises RecordError, with line or column, if the file is not a table, or if a column is not a signal or has another
     unit.
@@ -198,7 +199,8 @@ def _dated(column: Column) -> bool:
 def read_mdf(
     path: Path, into: Path, known: Known, meta: dict[str, Any], account: Account, keys: ImportKeys
 ) -> int:
-    """Make a record in the directory ``into`` from an MDF file. Return the number of samples.
+    """Make a record in the directory ``into`` from an MDF file. Return the number of samples. ``known`` and ``meta``
+    are those of `read_table`.
 
     A file that was exported from a record gives the same record. In other files the channels must have the names of
     signals, and their units are those of the file. Raises RecordError for a file that is not MDF, or a channel that is

@@ -87,8 +87,8 @@ def thinned(
     step: float,
     decimals: int,
 ) -> npt.NDArray[np.float64]:
-    """Return the latest sample at each of the instants 0, ``step``, 2 ``step`` … (s), rounded to ``decimals``. It is
-    NaN without a sample in the last `STANDS` s.
+    """Return the latest sample at each of the instants 0, ``step``, 2 ``step`` … up to ``duration`` (s), rounded to
+    ``decimals``. It is NaN without a sample in the last `STANDS` s.
     """
     import numpy as np
 

@@ -197,7 +197,7 @@ def check(
     about: str = "",
 ) -> Check:
     """Return the check of a value (SI) against limits (SI). ``u`` is its standard uncertainty; ``without`` is the
-    reason why it has none.
+    reason why it has none. The other arguments are fields of `Check`.
 
     Raises ``ValueError`` if the check could not fail or could not pass: it has no limit, its limits are not finite or
     in the wrong order, or its margin is outside 0 to 0.5.

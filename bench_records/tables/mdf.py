@@ -132,7 +132,8 @@ def samples(
     account: Account,
     texts: Mapping[str, int] | None = None,
 ) -> tuple[Numbers, Numbers, str]:
-    """Return times (n,), values (n,) and unit of a channel. ``texts`` maps each text value to a number.
+    """Return times (n,), values (n,) and unit of a channel. ``texts`` maps each text value to a number. With ``raw``,
+    the values are those in the file, without their conversion.
 
     Raises RecordError, with file and group, if a value is not a number, or if the clock is not a time.
     """
