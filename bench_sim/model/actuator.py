@@ -42,8 +42,9 @@ def bolster_point(x: Any, par: Any, actuator: int) -> tuple[float, float]:
 
 @compiled
 def actuator_force(x: Any, mem: Any, par: Any, j: int, d: float, d_speed: float) -> float:
-    """Return the force of one actuator on the bolster in N, including the cushion at the end of the stroke. A
-    positive force pushes down (vertical actuators) or to the left (lateral).
+    """Return the force of one actuator on the bolster in N, including the cushion at the end of the stroke. A positive
+    force pushes down (vertical actuators) or to the left (lateral). ``d`` (m) and ``d_speed`` (m/s) are from
+    `bolster_point`.
     """
     sense = actuator_sense(j)
     q = x[State.ACTUATOR + j]
@@ -90,8 +91,8 @@ def actuator_term(x: Any, mem: Any, par: Any, out: Any, dx: Any) -> None:
 
 @compiled
 def piston_displacement(x: Any, mem: Any, par: Any, j: int, force: float, d: float) -> float:
-    """Return the reading of the displacement transducer in the actuator, in m. It contains the deflection of the
-    frame.
+    """Return the reading of the displacement transducer in the actuator, in m. It contains the deflection of the frame.
+    ``force`` is from `actuator_force` (N), ``d`` from `bolster_point` (m).
     """
     if mem.mode[j] == Mode.DISPLACEMENT:
         return x[State.ACTUATOR + j]
@@ -140,8 +141,8 @@ def change_mode(x: Any, mem: Any, par: Any, j: int, mode: int) -> None:
 
 @compiled
 def command_actuators(x: Any, mem: Any, u: Any, par: Any, dt: float) -> None:
-    """Update control modes and set-points of all actuators, once per step. Set-points are limited in size and rate,
-    and delayed.
+    """Update control modes and set-points of all actuators, once per step of ``dt`` s. Set-points are limited in size
+    and rate, and delayed.
     """
     head = mem.step % DELAY_CAPACITY
     for j in range(ACTUATORS):

@@ -40,14 +40,16 @@ def envelope(
 
 @compiled
 def pressure_that_stretches(content: float, V: float, compliance: float) -> float:
-    """Return the pressure p in Pa that solves p (V + C_V p) = ``content`` (J). V is the volume at zero pressure."""
+    """Return the pressure p in Pa that solves p (V + C_V p) = ``content`` (J). V is the volume at zero pressure (m³),
+    ``compliance`` is C_V in m³/Pa.
+    """
     return 2.0 * content / (V + sqrt(V * V + 4.0 * compliance * content))
 
 
 @compiled
 def pressure_that_carries(load: float, A: float, growth: float) -> float:
-    """Return the gauge pressure p_g in Pa that solves p_g (A + A_p p_g) = ``load`` (N). A is the area at zero
-    pressure.
+    """Return the gauge pressure p_g in Pa that solves p_g (A + A_p p_g) = ``load`` (N). A is the area at zero pressure
+    (m²), ``growth`` is A_p in m²/Pa.
     """
     return 2.0 * load / (A + sqrt(A * A + 4.0 * growth * load))
 

@@ -37,8 +37,8 @@ def seated_height(par: Any, side: int) -> tuple[float, float]:
 def settle_bench(x: Any, mem: Any, par: Any, bellows: Any, height: Any, pressure: Any, supply: float) -> None:
     """Write the state of a bench at rest to ``x`` and ``mem``. Rubber is relaxed, and the gas is at wall temperature.
 
-    ``bellows`` and ``height`` (m) and ``pressure`` (Pa absolute) have one value for each side. The actuator commands
-    are assumed to have been constant for a long time.
+    ``bellows`` and ``height`` (m) and ``pressure`` (Pa absolute) have one value for each side. ``supply`` is the
+    pressure of the supply line (Pa absolute). The actuator commands are assumed to have been constant for a long time.
     """
     T = settled_temperature(par)
     x[State.BOLSTER_VERTICAL] = 0.5 * (height[0] + height[1])

@@ -219,7 +219,8 @@ def ride_on(
     rows: Any,
     algebraics: Any,
 ) -> None:
-    """Take ``steps`` Runge-Kutta steps in place. ``force`` holds the wind force on half the car in N from now on.
+    """Take ``steps`` Runge-Kutta steps of ``dt`` s in place. ``force`` holds the wind force on half the car in N from
+    now on, in samples ``interval`` s apart.
 
     Row k of ``rows`` (CHANNELS) and of ``algebraics`` (ALGEBRAICS) is written before step k·every, until the arrays
     are full.
@@ -249,8 +250,8 @@ def ride_on(
 def car_derivative(
     t: float, x: Any, memory: Any, u: Any, parameters: Any, cars: Any, wind: float, dx: Any, out: Any
 ) -> None:
-    """Write dx/dt at ``t`` s like `car_slope`, for integrators that choose their own steps. Records are passed as
-    arrays of one element.
+    """Write dx/dt at ``t`` s under a ``wind`` force in N like `car_slope`, for integrators that choose their own steps.
+    Records are passed as arrays of one element.
     """
     mem = memory[0]
     dx[:] = 0.0

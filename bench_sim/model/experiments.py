@@ -84,8 +84,8 @@ def impose_motion(
     states: Any,
     rows: Any,
 ) -> None:
-    """Take ``steps`` steps in place with the bolster moved by ``motion``. With a pipe, steps are divided as in the
-    kernel.
+    """Take ``steps`` steps of ``dt`` s in place with the bolster moved by ``motion``. With a pipe, steps are divided as
+    in the kernel.
 
     Row k of ``rows`` (ALGEBRAICS) and of ``states`` (STATES) is written before step k·every, until the arrays are
     full.
@@ -156,8 +156,10 @@ def impose(
     dt: float | None = None,
     rows: int | None = None,
 ) -> TimeHistory:
-    """Move the plant's bolster for ``duration`` s from now on. Record the state every ``every`` steps, at most
-    ``rows`` times.
+    """Move the plant's bolster by ``motions`` for ``duration`` s from now on. In a direction without a motion the
+    bolster stays at 0.
+
+    Record the state every ``every`` steps of ``dt`` s (default: those of the plant), at most ``rows`` times.
     """
     step = plant.dt if dt is None else dt
     steps = round(duration / step)
@@ -206,8 +208,9 @@ def dynamic_stiffness(
     cycles.
 
     The stiffness is the first harmonic of the force on the bolster, divided by that of the displacement; a restoring
-    force is positive. ``offsets`` is the mean position of the bolster (lateral, vertical, roll; m, m, rad). The valves
-    of the plant are closed (`isolate`), and the plant keeps its last state.
+    force is positive. The sine has the ``amplitude`` (m; rad for a roll) and the ``frequency`` (Hz); its steps are at
+    most ``longest_step`` s long. ``offsets`` is the mean position of the bolster (lateral, vertical, roll; m, m, rad).
+    The valves of the plant are closed (`isolate`), and the plant keeps its last state.
     """
     isolate(plant)
     per_cycle = max(16, int(np.ceil(1.0 / (frequency * longest_step) - 1e-9)))

@@ -81,7 +81,7 @@ def heat_inward(hS: float, wall: float, T: float) -> float:
 @compiled
 def wall_speed(heat: float, wall: float, outer: float, ambient: float, per_capacity: float) -> float:
     """Return the rate dT_w/dt of the wall temperature in K/s: C_w dT_w/dt = −hS (T_w−T) + (hS)_o (T_amb−T_w). ``heat``
-    is hS (T_w−T) in W, ``outer`` is (hS)_o in W/K, and ``per_capacity`` is 1/C_w in K/J.
+    is hS (T_w−T) in W, ``outer`` is (hS)_o in W/K, ``ambient`` is T_amb in K, and ``per_capacity`` is 1/C_w in K/J.
     """
     return per_capacity * (outer * (ambient - wall) - heat)
 
@@ -104,7 +104,7 @@ def wall_heat(
     x: Any, par: Any, side: int, mass_state: int, wall_state: int, T: float, hS: float, dx: Any
 ) -> float:
     """Return the heat from the wall into the gas in W. Add it to the derivative of the gas energy, and the resulting
-    temperature rate to that of the wall.
+    temperature rate to that of the wall. ``hS`` is in W/K; ``mass_state`` and ``wall_state`` are indices in ``x``.
 
     A wall without heat capacity (0 J/K) keeps its initial temperature (`bench_sim.model.rest`).
     """

@@ -32,6 +32,7 @@ def loss_secant(
     steady: float, flow: float, p_b: float, T_b: float, p_a: float, T_a: float, area: float, par: Any
 ) -> float:
     """Return R in Pa·s/kg: the slope of the loss between ``flow`` and the ``steady`` flow at the present pressures.
+    ``p_b``, ``T_b`` are those of the bellows, ``p_a``, ``T_a`` those of the auxiliary chamber (Pa absolute, K).
     ``area`` is C_d A in m².
     """
     p_up = max(p_b, p_a)
@@ -74,7 +75,7 @@ def missing_flow(
     par: Any,
 ) -> float:
     """Return the missing flow D in kg/s, ``ahead`` s after the start of a step with the noted flows. ``inertance`` is
-    in 1/m.
+    in 1/m. ``steady`` is the present steady flow (kg/s); pressures, temperatures and ``area`` are as in `loss_secant`.
     """
     rate = loss_secant(steady, noted_steady - noted_missing, p_b, T_b, p_a, T_a, area, par) / inertance
     return held_back(ahead, noted_missing, steady - noted_steady, rate)

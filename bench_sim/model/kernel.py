@@ -63,7 +63,8 @@ def step(
     out: Any,
     values: Any,
 ) -> None:
-    """Take one fixed step in place. ``scheme`` is that of `step_scheme`, and the caller provides the working memory.
+    """Take one fixed step of ``dt`` s in place. ``scheme`` is that of `step_scheme`, and the caller provides the
+    working memory.
 
     Shapes: ``work`` (5, STATES), ``out`` (ALGEBRAICS), ``values`` (SENSORS).
     """
@@ -81,8 +82,8 @@ def observe(x: Any, mem: Any, u: Any, par: Any, dx: Any, out: Any, values: Any) 
 
 @compiled_entry
 def measure(x: Any, mem: Any, u: Any, par: Any, counter: int, readings: Any) -> None:
-    """Write the readings of all sensors (SI, `Sensor`). State and memory do not change, so calls at any rate are
-    possible.
+    """Write the readings of all sensors (SI, `Sensor`). ``counter`` determines the noise. State and memory do not
+    change, so calls at any rate are possible.
     """
     values = np.empty(SENSORS)
     observe(x, mem, u, par, np.empty(STATES), np.empty(ALGEBRAICS), values)
@@ -91,7 +92,8 @@ def measure(x: Any, mem: Any, u: Any, par: Any, counter: int, readings: Any) -> 
 
 @compiled_entry
 def advance_plant(x: Any, memory: Any, u: Any, parameters: Any, dt: float, steps: int) -> None:
-    """Take ``steps`` fixed steps in place with constant inputs. With a pipe, each step is divided (`pipe_steps`).
+    """Take ``steps`` fixed steps of ``dt`` s in place with constant inputs. With a pipe, each step is divided
+    (`pipe_steps`).
 
     Both records are passed as arrays of one element, because numba takes them from Python ten times faster than
     records.

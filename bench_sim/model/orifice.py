@@ -82,8 +82,8 @@ def iso_function(r: float, b: float, laminar: float) -> float:
 
 @compiled
 def iso_flow(p_up: float, T_up: float, p_down: float, conductance: float, b: float, laminar: float) -> float:
-    """Return G = C ρ₀ p₁ √(T₀/T₁) · iso(p₂/p₁) in kg/s for p_up ≥ p_down (ISO 6358). ``conductance`` is in
-    m³/(s·Pa).
+    """Return G = C ρ₀ p₁ √(T₀/T₁) · iso(p₂/p₁) in kg/s for p_up ≥ p_down (ISO 6358). ``conductance`` is C in m³/(s·Pa);
+    ``b`` and ``laminar`` are those of `iso_function`.
     """
     return (
         conductance
@@ -98,7 +98,9 @@ def iso_flow(p_up: float, T_up: float, p_down: float, conductance: float, b: flo
 def orifice_between(
     p_1: float, T_1: float, p_2: float, T_2: float, area: float, R: float, kappa: float, laminar: float
 ) -> float:
-    """Return the nozzle flow from 1 to 2 in kg/s. It is negative if p_2 is higher."""
+    """Return the nozzle flow from 1 to 2 in kg/s. It is negative if p_2 is higher. Pressures are absolute (Pa);
+    ``area`` and ``laminar`` are those of `nozzle_flow`.
+    """
     sense, p_up, T_up, p_down = upstream(p_1, T_1, p_2, T_2)
     return sense * nozzle_flow(p_up, T_up, p_down, area, R, kappa, laminar)
 
@@ -107,7 +109,9 @@ def orifice_between(
 def valve_between(
     p_1: float, T_1: float, p_2: float, T_2: float, conductance: float, b: float, laminar: float
 ) -> float:
-    """Return the ISO 6358 flow from 1 to 2 in kg/s. It is negative if p_2 is higher."""
+    """Return the ISO 6358 flow from 1 to 2 in kg/s. It is negative if p_2 is higher. Pressures are absolute (Pa);
+    ``conductance``, ``b`` and ``laminar`` are those of `iso_flow`.
+    """
     sense, p_up, T_up, p_down = upstream(p_1, T_1, p_2, T_2)
     return sense * iso_flow(p_up, T_up, p_down, conductance, b, laminar)
 
@@ -133,8 +137,8 @@ def reynolds_factor(Re: float, k: float) -> float:
 
 @compiled
 def one_way(asymmetry: float, outward: float) -> float:
-    """Return the factor of the flow area for the direction of flow. With positive ``asymmetry`` an orifice lets more
-    air out of the bellows than into it.
+    """Return the factor of the flow area for the direction of flow. A positive ``outward`` is a flow out of the
+    bellows. With positive ``asymmetry`` an orifice lets more air out of the bellows than into it.
     """
     return 1.0 + asymmetry * (1.0 if outward > 0.0 else -1.0)
 

@@ -45,7 +45,7 @@ class Plant:
     """The bench with one parameter record (``bench_sim.parameters.Parameters.record``).
 
     ``state`` (`State`), ``inputs`` (`Input`) and ``memory`` are the complete state. ``inputs`` may be written at any
-    time, and keep their values. The plant is deterministic: ``seed`` determines the noise.
+    time, and keep their values. The plant is deterministic: ``seed`` determines the noise. ``dt`` is the step in s.
     """
 
     def __init__(self, parameters: Any, *, seed: int = 0, dt: float = STEP) -> None:

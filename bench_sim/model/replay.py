@@ -98,7 +98,8 @@ def moved_springs(ahead: float, x: Any, mem: Any, u: Any, par: Any, given: Any, 
 
 @compiled
 def between(n: int, part: float, motion: Any, k: int) -> float:
-    """Return an acceleration at a ``part`` of the interval after sample n, on the cubic spline through the samples.
+    """Return the acceleration in direction ``k`` at a ``part`` (0 to 1) of the interval after sample n, on the cubic
+    spline through the samples.
 
     Half-way between samples of 5 ms at 12.5 Hz the error is (ωh)⁴/384 = 0.006 %. Linear interpolation has an error of
     2 %.

@@ -28,7 +28,9 @@ def friction_curve(x: float, origin: float, level: float, travel: float) -> tupl
 
 @compiled
 def friction_limit(constant: float, slope: float, gauge: float) -> float:
-    """Return F_max = F_0 + F_1 p_g in N. A negative gauge pressure counts as 0."""
+    """Return F_max = F_0 + F_1 p_g in N, with F_0 = ``constant`` (N) and F_1 = ``slope`` (N/Pa). A negative gauge
+    pressure counts as 0.
+    """
     return constant + slope * max(gauge, 0.0)
 
 
@@ -147,7 +149,8 @@ def reversal(
 ) -> tuple[float, bool]:
     """Return the position of a friction reversal between two samples, and whether there was one.
 
-    The position is the vertex of the parabola through the last position with both speeds.
+    Positions are in m, speeds in m/s; ``direction`` (1 or −1) is that of the motion before. The position of the
+    reversal is the vertex of the parabola through the last position with both speeds.
     """
     if (position - last) * direction >= 0.0:
         return last, False

@@ -18,7 +18,7 @@ from bench_sim.model.layout import Input, State
 @compiled
 def spline_weights(value: float, low: float, high: float, count: int) -> tuple[int, float, float, float]:
     """Return the index of the first of the three non-zero splines at ``value``, and the values of these three.
-    ``count`` is the number of all splines.
+    ``count`` is the number of all splines between ``low`` and ``high``.
     """
     cells = count - 2
     s = min(max((value - low) / (high - low), 0.0), 1.0) * cells

@@ -95,8 +95,8 @@ def leveling_latch(lever: float, latch: int, deadband: float, hysteresis: float)
 
 @compiled
 def leveling_opening(lever: float, latch: int, deadband: float, hysteresis: float, span: float) -> float:
-    """Return the opening u = sat((|x| − δ + δ_h)/Δ) with the sign of the latch (−1 to 1). A positive opening
-    exhausts.
+    """Return the opening u = sat((|x| − δ + δ_h)/Δ) with the sign of the latch (−1 to 1). A positive opening exhausts.
+    x is ``lever``, δ ``deadband``, δ_h ``hysteresis`` and Δ ``span`` (all in m).
     """
     if latch == 0:
         return 0.0

@@ -138,8 +138,8 @@ class Vehicle:
         return self
 
     def _balance(self, bellows: NDArray[np.float64], air: list[float], wind: float) -> NDArray[np.float64]:
-        """Return the displacements of both bellows (ζ, ζ, y, y) in equilibrium. Newton's method halves a step that
-        does not reduce the residual.
+        """Return the displacements of both bellows (ζ, ζ, y, y) in equilibrium under a ``wind`` force in N. ``air``
+        (kg) is the air of each spring. Newton's method halves a step that does not reduce the residual.
         """
         misfit = self._misfit(bellows, air, wind)
         for _ in range(_ITERATIONS):
@@ -171,6 +171,7 @@ class Vehicle:
 
     def _misfit(self, bellows: NDArray[np.float64], air: list[float], wind: float) -> NDArray[np.float64]:
         """Set the vehicle to rest with these displacements of the bellows. Return the residual of equilibrium in m.
+        ``air`` (kg) and ``wind`` (N) are as in `_balance`.
 
         The force of each spring follows from its bellows, and the deflection of the emergency spring from this force.
         """
@@ -254,7 +255,7 @@ class Vehicle:
         return Ride(time, rows, algebraic)
 
     def jacobian(self, wind: float = 0.0) -> NDArray[np.float64]:
-        """Return ∂(dx/dt)/∂x at the present state by central differences.
+        """Return ∂(dx/dt)/∂x at the present state under a ``wind`` force in N, by central differences.
 
         It contains the states of gas, rubber and car body, in the order of `State`. Friction sticks, and valves do not
         switch.
@@ -273,7 +274,8 @@ class Vehicle:
         return result
 
     def modes(self, wind: float = 0.0) -> list[NaturalMode]:
-        """Return the oscillating natural modes about the present state, in the order of frequency.
+        """Return the oscillating natural modes about the present state under a ``wind`` force in N, in the order of
+        frequency.
 
         They are valid for small motions: friction sticks and adds its initial stiffness F_max/x₂, and the orifice flow
         is linear.

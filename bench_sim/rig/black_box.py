@@ -86,8 +86,8 @@ class BlackBox:
         self._events.append(IncidentEvent(tick, text))
 
     def trigger(self, tick: int, cause: str, signal: str = "") -> None:
-        """Start the record of an incident, unless there was one since the last reset. ``signal`` is the one that
-        exceeded its limit.
+        """Start the record of an incident, unless there was one since the last reset. ``tick`` is the time in ms since
+        the rig started. ``signal`` is the one that exceeded its limit, or "".
         """
         if self._armed and self._box["trigger"] < 0:
             self._armed = False

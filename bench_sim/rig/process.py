@@ -45,8 +45,9 @@ def run_rig(
     set.
 
     ``can`` is ``auto`` (``vcan0`` if the kernel has it, else TCP), ``tcp`` or a SocketCAN interface. Frames pass
-    through ``stages`` and ``capture``. Other programs can read the capture on ``capture_port``. Raises OSError with an
-    explanation if a port cannot be opened. On return everything is closed.
+    through ``stages`` and ``capture``. Other programs can read the capture on ``capture_port``. ``policy`` is for late
+    ticks; ``host``, ``allow_remote`` and ``beacon`` are those of `serve_in_thread`. Raises OSError with an explanation
+    if a port cannot be opened. On return everything is closed.
     """
     interface = find_interface() if can == "auto" else None if can == "tcp" else can
     rig.lease.draw_unpredictably()

@@ -243,7 +243,9 @@ class Rig:
         return self.run(1)
 
     def run(self, ticks: int, streamed: Streamed | None = None) -> Block:
-        """Run ``ticks`` ticks. Return all frames in order, with the rig's time (ns) as their time stamps."""
+        """Run ``ticks`` ticks. Return all frames in order, with the rig's time (ns) as their time stamps. ``streamed``
+        is that of `run_until_event`.
+        """
         blocks: list[Block] = []
         while ticks > 0:
             before = int(self._controls["tick"])
@@ -300,7 +302,8 @@ class Rig:
     # -- real time -----------------------------------------------------------------------------------------------
 
     def keep_time(self, eventfd: int, policy: Late = Late.CATCH_UP) -> None:
-        """Run ticks in real time until ``pacing.stop()`` is called. Every sent frame signals ``eventfd``.
+        """Run ticks in real time until ``pacing.stop()`` is called. Sent frames signal ``eventfd``; ``policy`` decides
+        what a late tick causes.
 
         The time stamp of a frame is the nominal time of its tick (Unix epoch, ns). So sampling instants are
         equidistant even if a tick is late.
@@ -345,7 +348,7 @@ class Rig:
             self.supervisor.handle(Event.POWER_LOST)
 
     def set_mains(self, *, there: bool) -> None:
-        """Switch the mains on or off. Without mains the power is cut; it returns only by a command."""
+        """Switch the mains on (``there``) or off. Without mains the power is cut; it returns only by a command."""
         with self.lock:
             self.supervisor.mains = there
             if not there:

@@ -67,7 +67,8 @@ class TickFaults:
     ) -> Undo:
         """Apply a fault to the reading of ``sensor`` from now on. Return a function that ends the fault.
 
-        Raises RuntimeError if too many readings have a fault.
+        `DisturbanceKind` describes ``value`` and ``chance`` (per sample); ``seed`` selects the random numbers. Raises
+        RuntimeError if too many readings have a fault.
         """
         if len(self._rows) == DISTURBANCES_MAX:
             raise RuntimeError(

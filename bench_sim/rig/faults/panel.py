@@ -68,10 +68,10 @@ class FaultPanel:
 
     def on(self, name: str, given: Mapping[str, Any], lasting: float | None = None) -> ActiveFault:
         """Switch a fault on, or replace it if it is active. It ends after ``lasting`` s. Without this time, the kind of
-        fault decides whether it ends. Return the active fault.
+        fault decides whether it ends. ``given`` has texts with units by name of parameter. Return the active fault.
 
         Raises FaultError for an unknown fault or invalid values; then nothing changes. Also raises FaultError for a
-        fault that this rig cannot have now.
+        fault that this rig cannot have now; the fault that it replaces is then off.
         """
         fault = find_fault(name)
         values = fault.read(given)
