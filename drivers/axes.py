@@ -193,7 +193,9 @@ def _move(
 
 
 def _arrive(link: Link, targets: dict[str, float], within: float, tolerance: dict[str, float]) -> None:
-    """Wait until all ramps have ended and the measured values are near their targets."""
+    """Wait until all ramps have ended and the measured values are within ``tolerance`` (SI, by reading) of their
+    ``targets``, at most ``within`` s.
+    """
     read, moving = link.readings.value, link.commander.moving
     setpoints = [f"{name}_setpoint" for name in targets]
     link.wait_for(

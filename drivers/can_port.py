@@ -395,8 +395,8 @@ def open_can(
 def open_bus(
     interface: str, channel: str | None, options: Mapping[str, Any], *, fd: Fd | None = None
 ) -> PythonCanPort:
-    """Open any bus that python-can supports, with CAN FD if ``fd`` is given. Raises LinkLost with the reason on
-    failure.
+    """Open any bus that python-can supports (its ``interface``, ``channel`` and ``options``), with CAN FD if ``fd`` is
+    given. Raises LinkLost with the reason on failure.
     """
     whole = {"fd": True, **options} if fd is not None else options
     stamped_by: Clock = "hardware" if interface in HARDWARE_STAMPS else "system"

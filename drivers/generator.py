@@ -98,7 +98,8 @@ class Generator(Device):
         )
 
     def run_together(self, *waves: Wave, margin: float = MARGIN) -> None:
-        """Move several axes at once, on one time base, and wait for the end of the last wave.
+        """Move several axes at once, on one time base, and wait for the end of the last wave, at most ``margin`` s
+        beyond its duration.
 
         Waves of one axis add up. Errors of single waves, and of their sum, are raised before the motion. A stop
         of one wave stops all.
@@ -172,7 +173,7 @@ class Generator(Device):
         self._link.settings.act("action.program_run")
 
     def stop(self, within: float = 5 * s) -> None:
-        """End the program, if one runs, and wait for its end."""
+        """End the program, if one runs, and wait for its end, at most ``within`` s."""
         link = self._link
         if self._program() not in ("RUN", "HOLD"):
             return

@@ -189,15 +189,17 @@ class Link:
         """Wait until ``condition()`` has been true for ``steady`` s. It is evaluated every 20 ms.
 
         In virtual time, the first ``not_before`` s may pass without an evaluation as long as no event occurs. Raises
-        BenchTimeout after ``within`` s, with the name of the condition and the readings. RigFault and LinkLost are
-        raised at once.
+        BenchTimeout after ``within`` s, with ``what`` as the name of the condition, and the readings. RigFault and
+        LinkLost are raised at once.
         """
         self._until(condition, within, what, steady=steady, not_before=not_before)
 
     def wait_for_status(
         self, name: Literal["rig.state", "rig.program"], choices: Collection[str], within: float, what: str
     ) -> None:
-        """Wait until a status of the rig is one of ``choices``; errors are those of `wait_for`."""
+        """Wait until a status of the rig is one of ``choices``, at most ``within`` s. Errors, and the name ``what`` in
+        them, are those of `wait_for`.
+        """
         self._until(lambda: self.readings.choice(name) in choices, within, what, not_before=within)
 
     def settle(

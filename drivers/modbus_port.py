@@ -264,7 +264,9 @@ def open_modbus(
 
 
 def open_serial(serial: SerialLine, *, unit: int = 1, timeout: float = 0.5) -> ModbusPort:
-    """Open a serial line, shared by all ports on it. Raises LinkLost if it is missing or used by another process."""
+    """Open a serial line, shared by all ports on it. ``timeout`` (s) limits each answer. Raises LinkLost if the line is
+    missing or used by another process.
+    """
 
     def connect() -> SharedClient:
         client = ModbusSerialClient(

@@ -38,7 +38,8 @@ class Waveform(Device):
 
         ``{"lateral.force": F}`` moves ``lateral.force_setpoint`` by F, which begins and ends at 0. Errors are raised
         before the motion: Misuse for a wrong shape, range, rate or control mode, NotAvailable for a signal that the rig
-        lacks. RigFault or LinkLost stop the motion at its present position.
+        lacks. Raises BenchTimeout if the motion takes ``margin`` s longer than planned. RigFault or LinkLost stop the
+        motion at its present position.
         """
         self.start(times, offsets)
         self.wait_done(within=float(times[-1]) + margin)

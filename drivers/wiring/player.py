@@ -123,8 +123,8 @@ class Player:
     # -- actions -------------------------------------------------------------------------------------------------
 
     def add(self, modes: Mapping[str, float], setpoints: Floats, *, active: bool) -> None:
-        """Store the wave of the present settings; the next :meth:`run` starts all stored waves. Raises Refused as `run`
-        does, while a program is held, and for too many waves.
+        """Store the wave of the present settings; the next :meth:`run` starts all stored waves. The arguments are those
+        of `run`. Raises Refused as `run` does, while a program is held, and for too many waves.
         """
         with self._lock:
             if not active:
@@ -143,7 +143,7 @@ class Player:
     def run(self, modes: Mapping[str, float], setpoints: Floats, *, active: bool) -> None:
         """Start the wave of the present settings, or all added waves, or resume a held program.
 
-        ``modes``: the control modes in force by the name of their setting; ``setpoints`` (SI) by table row. Raises
+        ``modes``: the present control modes by the name of their setting; ``setpoints`` (SI) by table row. Raises
         Refused, with the reason, if the bench is not ``active``, if a program runs, and for a wave that a generator
         would refuse. Raises NotAvailable for a set-point that the rig lacks.
         """

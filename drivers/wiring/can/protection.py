@@ -33,7 +33,9 @@ class ChecksumKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 
 def checksum(where: str, keys: ChecksumKeys, extended: bool, functions: Path | None) -> Checksum:
-    """Return the function that computes the checksum. Raises WiringError for an unknown scheme."""
+    """Return the function that computes the checksum; with ``extended``, an included identifier has 4 bytes, otherwise
+    2. Raises WiringError for an unknown scheme.
+    """
     scheme, _, name = keys.scheme.partition(":")
     if scheme not in ("sum8", "xor8", "e2e_p1", "function"):
         raise WiringError(

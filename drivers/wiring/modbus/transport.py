@@ -204,8 +204,8 @@ class ModbusTransport(Transport):
     # -- the connection ------------------------------------------------------------------------------------------
 
     def connect(self, clock: Clock, lost: OnLost, *, within: float) -> None:
-        """Connect and read each group once. Raises LinkLost without an answer, Refused if a group is outside the
-        map.
+        """Connect and read each group once. Raises LinkLost without a connection ``within`` s or without an answer,
+        Refused if a group is outside the map.
         """
         self._clock = clock
         self._port = self._opener() if self._opener is not None else opener(self._keys, self._timeout)(within)
@@ -280,8 +280,8 @@ class ModbusTransport(Transport):
         return point.text(words)
 
     def write(self, points: Mapping[str, float], *, patient: bool = True) -> None:
-        """Write points in the given order, neighbours in one request. Raises ValueError before that if one does not
-        fit.
+        """Write points in the given order, neighbours in one request. Raises ValueError before that if a value does not
+        fit. ``patient`` is that of `_send_request`.
         """
         for name in points:
             self.require(name, writable=True)
