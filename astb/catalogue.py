@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 def variants(plan: Plan, given: Mapping[str, str]) -> Iterator[Plan]:
     """Yield ``plan`` with the ``given`` parameters and each combination of choices of the others.
 
-    Raises ParameterRefused.
+    Raises ParameterRefused for an invalid value in ``given``.
     """
     own = {one.name: given[one.name] for one in plan.parameters if one.name in given}
     open_choices = [

@@ -16,7 +16,7 @@ REFUSED: Final = 5  #: the plan trips a limit in a rehearsal, so it must not run
 def misuse(error: Exception | str) -> NoReturn:
     """Print ``error``, and end the command with the exit code for wrong usage.
 
-    If the disk is the cause, call `blocked` instead.
+    An error of the disk ends the command by `blocked` instead.
     """
     from bench_records.disk import NotKept
 

@@ -25,7 +25,8 @@ _OFFSET: Final = ".offset"
 def write_extended(path: Path, finding: Finding, based_on: str) -> None:
     """Write the extended model of ``finding`` to ``path``; ``based_on`` is the tested model: a set or a file.
 
-    Numbers are rounded to `DIGITS`; their intervals are comments above them. Raises OSError.
+    Numbers are rounded to `DIGITS`; their intervals are comments above them. Raises OSError if the file cannot be
+    written.
     """
     parameters = load(based_on)
     base = based_on if Path(based_on).suffix != ".toml" else os.path.relpath(based_on, path.parent)

@@ -61,7 +61,9 @@ class Log:
 
 
 def read_frames_of(source: Path, keys: LogKeys, account: Account) -> Log:
-    """Return the content of a log, decoded with our own messages or with those of a DBC. Raises RecordError."""
+    """Return the content of a log, decoded with our own messages or with those of a DBC. Raises RecordError for a log
+    or a DBC that cannot be read.
+    """
     try:
         dbc = None if keys.dbc is None else read_dbc(keys.dbc, keys.charset)
         frames = read_log(source, account, keys.stamps)

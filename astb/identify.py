@@ -312,7 +312,9 @@ def _row(one: Identified, title: str) -> Row:
 def write_springs(
     path: Path, found: Identification, dataset: "Dataset", parameters: "Parameters", based_on: str
 ) -> None:
-    """Write the identified model, with the interval of each parameter as a comment. Raises DiagnosisError."""
+    """Write the identified model, with the interval of each parameter as a comment. Raises DiagnosisError if the file
+    cannot be written.
+    """
     asked = _requested_parameters(found)
     base = based_on if Path(based_on).suffix != ".toml" else os.path.relpath(based_on, path.parent)
     stated, effects = _stated(parameters, load(based_on))

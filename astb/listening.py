@@ -31,7 +31,7 @@ class Listening:
     def open(self) -> Self:
         """Begin to listen.
 
-        Raises LinkLost if no message arrives in time, MapMismatch if the rig uses another signal map.
+        Raises LinkLost if no message arrives within the time limit, MapMismatch if the rig uses another signal map.
         """
         try:
             self.wiring.open(self.clock, self.receiver.receive, self._on_lost, within=self._within)

@@ -23,7 +23,9 @@ Moment = Annotated[datetime, msgspec.Meta(tz=True)]
 
 
 class NotReserved(BenchError):
-    """A reservation is impossible, or a reservation of another operator blocks a run. The text has three parts."""
+    """A reservation is impossible, or a reservation of another operator blocks a run. The text states the reason and
+    the remedy.
+    """
 
 
 class Reservation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -50,8 +50,8 @@ def in_words(name: str, owner: str = "") -> str:
 
 
 def with_unit(value: float, unit: str, digits: int) -> str:
-    """Return a number with ``digits`` significant digits and its unit. A power of ten is used only from one
-    million on.
+    """Return a number with ``digits`` significant digits and its unit. A power of ten is used only from one million on,
+    and below 0.0001.
     """
     text = f"{value:.{digits}g}"
     if "e+" in text and abs(value) < 1e6:

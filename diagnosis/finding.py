@@ -187,8 +187,8 @@ class Coverage(msgspec.Struct, frozen=True, kw_only=True):
 class Trace(msgspec.Struct, frozen=True, kw_only=True):
     """Measured values, and the values predicted before and after, in one channel of a report run.
 
-    ``times`` to ``after`` show a few seconds in detail. ``error_times`` to ``error_after`` show the extremes of the
-    error over the whole run.
+    ``times`` to ``after`` show in detail the part of the run with the largest errors before. ``error_times`` to
+    ``error_after`` show the extremes of the error over the whole run.
     """
 
     run: str
@@ -207,8 +207,8 @@ class Trace(msgspec.Struct, frozen=True, kw_only=True):
 class Unseen(msgspec.Struct, frozen=True, kw_only=True):
     """The detection limit of an effect that was not found: the size that is found in 95 % of cases.
 
-    ``smallest`` is null if these runs do not show the effect at any allowed size. ``hidden_by`` names the parameter or
-    accepted effect that imitates most of its footprint.
+    ``smallest`` is null if these runs do not show the effect at any allowed size, or if the residual exceeds the noise.
+    ``hidden_by`` names the parameter or accepted effect that imitates most of its footprint.
     """
 
     effect: str

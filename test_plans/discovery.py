@@ -117,7 +117,9 @@ def _modules(wrong: list[str]) -> Iterator[ModuleType]:
 
 
 def _module_of(path: Path) -> ModuleType:
-    """Return the module of a Python file that belongs to no package. The file is run only once. Raises PlanError."""
+    """Return the module of a Python file that belongs to no package. The file is run only once. Raises PlanError if
+    there is no such file, or if it cannot be run.
+    """
     name = f"{_OWN}{path.resolve()}"
     if name in sys.modules:
         return sys.modules[name]

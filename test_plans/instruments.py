@@ -80,8 +80,8 @@ class Piece:
         return bool(today and self.holds_until and today > self.holds_until)
 
     def trouble(self, today: date | None) -> str:
-        """Return the reason why the calibration is not valid ``today``; "" if it is valid. Without a date (None) only
-        the certificate is checked.
+        """Return the reason why the calibration is not valid ``today``; "" if it is valid. Without a date (None) it is
+        not checked whether the calibration is overdue.
         """
         piece = f"{self.signal} ({self.instrument.type}, no. {self.serial_number})"
         if not self.certificate:

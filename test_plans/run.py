@@ -393,7 +393,7 @@ class Run:
 
     def _late_ticks_since_begin(self) -> int:
         """Return the number of late ticks since the start of the innermost open phase. Without an open phase, count
-        from the last one.
+        from the start of the last one.
 
         0 if the rig does not count them.
         """

@@ -211,7 +211,7 @@ def _no_answer(subject: Subject) -> None:
 
 
 def _what_comes(subject: Subject) -> None:
-    """Received values are known points, arrive in time, and have increasing times of the bench clock."""
+    """Received values are known points, arrive within the time limit, and have increasing times of the bench clock."""
     with _Bench(subject) as bench:
         start, transport, samples = bench.clock.now(), bench.transport, bench.listener.samples
         expected = {name for name in subject.readable if transport.stale(name) > 0}
@@ -420,7 +420,7 @@ def _closing(subject: Subject) -> None:
 
 
 def _losing(subject: Subject) -> None:
-    """A lost connection is reported once, with a reason; reading then raises LinkLost in time."""
+    """A lost connection is reported once, with a reason; reading then raises LinkLost within the time limit."""
     if subject.cut is None:
         raise _Skipped("the subject does not define `cut`")
     with _Bench(subject) as bench:

@@ -121,7 +121,8 @@ def write_unit(unit: Unit, to: Path, *, fmi: int, native: bool = False, compiled
     """Write ``unit`` as an FMU for `platforms`, and return its token (GUID).
 
     The FMU runs on every processor of this architecture, with ``native`` only on processors like this one. ``compiled``
-    is a folder with the output of `compile_code`, which several FMUs can share. Raises `ExportError` or OSError.
+    is a folder with the output of `compile_code`, which several FMUs can share. Raises `ExportError` without a C
+    compiler or if it fails, OSError if a file cannot be written.
     """
     found = platforms()
     token = _token(unit, fmi)
@@ -245,7 +246,7 @@ def _number(value: float) -> str:
 def compile_code(code: Code, place: Path, *, native: bool = False) -> None:
     """Compile ``code`` into two object files for each of `platforms` in the folder ``place``.
 
-    The object files do not depend on values of parameters. Raises `ExportError`.
+    The object files do not depend on values of parameters. Raises `ExportError` without a C compiler.
     """
     import numba
 

@@ -23,7 +23,7 @@ _Connection = tuple[str, str, Variable]
 def write_system(name: str, units: Mapping[str, Unit], to: Path, *, native: bool) -> None:
     """Write ``units`` as FMUs into an SSP file, with outputs connected to inputs of the same name.
 
-    The keys of ``units`` are the names of the components. Raises `ExportError` or OSError.
+    The keys of ``units`` are the names of the components. Raises the errors of `write_unit`.
     """
     with TemporaryDirectory() as folder:
         fmus = {component: Path(folder) / f"{component}.fmu" for component in units}

@@ -120,7 +120,7 @@ class Kept:
         }
 
     def checks(self, run: str) -> list[dict[str, Any]]:
-        """Return the checks of a run. ``place`` is the number that `trend` takes."""
+        """Return the checks of a run. In each, ``place`` is its number, which `trend` accepts."""
         return [
             {
                 "place": place,

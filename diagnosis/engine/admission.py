@@ -62,7 +62,8 @@ def choose(problem: Problem, state: SearchState, trials: Sequence[Trial]) -> Tri
 def _richer_instead(problem: Problem, state: SearchState, chosen: Trial) -> list[Trial]:
     """Return trials in which a more general effect (`richer_members`) replaces an accepted one.
 
-    ``chosen`` keeps the accepted effect. Trials that are clearly worse than ``chosen`` are not returned.
+    ``chosen`` is the trial that keeps the accepted effect and adds another one. Trials that are clearly worse than
+    ``chosen`` are not returned.
     """
     current, config = state.current, problem.config
     singles: list[Trial] = []
@@ -158,9 +159,11 @@ def admit(problem: Problem, state: SearchState, chosen: Trial, trials: tuple[Tri
 
 
 def _comparable(bic: float, chosen: Trial, trials: Sequence[Trial], ambiguous: float) -> list[str]:
-    """Return the other effects whose fit improves ``bic`` nearly as much as the chosen effect does.
+    """Return the other effects whose fit improves ``bic`` by more than the part `COMPARABLE` of the improvement by the
+    chosen effect.
 
-    An effect also counts as comparable if its BIC is larger than that of the chosen one by at most ``ambiguous``.
+    An effect that improves ``bic`` is also included if its BIC exceeds that of the chosen one by less than
+    ``ambiguous``.
     """
     gain = bic - chosen.bic
     least = max(min(COMPARABLE * gain, gain - ambiguous), 0.0)

@@ -3,13 +3,13 @@
 Theory of operation
 -------------------
 The gain is measured from the best fit of the base model. A fit under the noise of the extended model is not the best
-one, because this noise is the residual with the causes included. Its filter gives a small weight to signals that the
-base model can follow, and a large weight to others. On a system with hysteresis the error of the base model was three
-times too large.
+one, because this noise is estimated from the residual of the model that includes the causes. Its filter gives a small
+weight to signals that the base model can follow, and a large weight to others. On a system with hysteresis the error of
+the base model was three times too large.
 
 So the base model is fitted twice more: under noise estimated from its own residuals, and by plain least squares, each
-channel weighted by its own residual. The fit that predicts the reported runs best is the reference. This choice may use
-the reported runs, because it can only make the gain smaller.
+channel weighted by its own residual. The fit that predicts the report runs best is the reference. This choice may use
+the report runs, because it can only make the gain smaller.
 """
 
 from __future__ import annotations

@@ -28,9 +28,9 @@ One more question applies to each name that stays: can its amplitude be 0 if the
 surfaces show? The interval of the amplitude includes such an error (`model_error.py`). If it includes 0, the effect is
 `vague`. There are two tests: by the standard deviation, and by λ², the increase of χ² at amplitude 0, compared with the
 increase at the end of an equally wide interval. The latter does not apply to a cause that removes most of the error of
-the select runs, because its amplitude is clearly not 0. The former does not apply to causes found at finite sizes and
-to causes that saturate. For example, the harder a stop is, the less its stiffness matters, so the curvature at the fit
-gives no information about 0.
+the select runs, because its amplitude is clearly not 0. The former does not apply to a cause that was found at a finite
+size and saturates. For example, the harder a stop is, the less its stiffness matters, so the curvature at the fit gives
+no information about 0.
 """
 
 from __future__ import annotations

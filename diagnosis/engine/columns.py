@@ -36,7 +36,7 @@ class Packing:
     """The positions of the N samples ``counted`` (n, c) of a run after packing: channel after channel, sorted by time.
 
     ``places`` (N,) are their indices in the flattened outputs, ``instants`` (N,) their indices in time, ``bounds`` (c +
-    1,) the ends of the channels in the packed array.
+    1,) the borders of the channels in the packed array.
     """
 
     counted: Mask

@@ -2,10 +2,10 @@
 
 Theory of operation
 -------------------
-Causes that imitate each other can remove each other. For example, a friction explains nearly everything, a lag and a
-viscous friction enter in addition and make it superfluous, it is removed, and then they fail a gate themselves. The
-result is worse than the friction alone, which a diagnosis with fewer candidates would find. More candidates must not
-give a poorer model.
+Causes that imitate each other can remove each other. For example, a friction explains nearly everything. A lag and a
+viscous friction enter in addition, and the friction becomes superfluous and is removed. Then the lag and the viscous
+friction fail a gate themselves. The result is worse than the friction alone, which a diagnosis with fewer candidates
+would find. More candidates must not give a poorer model.
 
 So each cause that was removed while others were in the model is fitted alone, as when it was a candidate. If one
 predicts the select runs clearly better than the final model, the search is repeated without the effects that were in
@@ -78,8 +78,9 @@ def _substitutes(problem: Problem, first: Judgement) -> set[str]:
 
 
 def _in_the_place_of(first: Judgement) -> set[str]:
-    """Return one accepted effect, or none. A removed effect scores above the threshold at the end, and the returned one
-    was in the model at its removal; of several pairs the most similar one counts.
+    """Return the accepted effect that may have displaced a removed one, or none. The removed effect scores above the
+    threshold at the end, and the accepted one was in the model when it was removed. Of several such pairs the one with
+    the most similar footprints is used.
     """
     state, screening = first.found.state, first.screened.screening
     scoring = [screening.candidates[i].effect.name for i in screening.exceeding]

@@ -77,7 +77,9 @@ def far_above_noise(state: SearchState) -> bool:
 
 
 def plainly(problem: Problem, state: SearchState) -> SearchState:
-    """Return the state with its model fitted again by plain least squares. The explained χ² counts from this fit."""
+    """Return the state with its model fitted again by plain least squares. Its ``explained_chi2`` is 0, because only
+    the χ² explained after this fit counts.
+    """
     model = state.current.model
     plain = fit(problem.replay, plain_noise(model), model.point, model.linearisation)
     current = replace(state.current, model=plain, prediction=predicted(problem, plain), explained_chi2=0.0)

@@ -139,8 +139,8 @@ def explains_too_little(
 ) -> str:
     """Return why a cause explains too little of the misfit where it acts; "" if it explains enough.
 
-    The explainable misfit is RMSE² − floor². In the channel with the strongest footprint its root must fall by the part
-    ``config.gain``. If the misfit does not exceed the floor, no error is clearly visible, and only the statistics
+    The explainable misfit is RMSE² − `FLOOR_SLACK`·floor². In the channel with the strongest footprint its root must
+    fall by the part ``config.gain``. If it is not positive, no error is clearly visible, and only the statistics
     decide.
     """
     if after is None or before is None:

@@ -2,9 +2,9 @@
 
 The C library keeps freed memory between used blocks, in a heap per thread, and requests new memory elsewhere. After a
 few rounds a process uses 1.5 times the size of its data. So columns have separate pages, which are freed with them
-(`room`), and all threads share one heap (`share_heap`). Free memory is returned only after large drops (`give_back`),
-because new allocation costs time. Memory that Arrow keeps after reading files is returned too: 150 MB for a record of
-seven minutes.
+(`room`), and all threads share one heap (`share_heap`). Free memory is returned only after much was freed
+(`give_back`), because new allocation costs time. Memory that Arrow keeps after reading files is returned too: 150 MB
+for a record of seven minutes.
 """
 
 from __future__ import annotations

@@ -9,8 +9,8 @@ covariance of its numbers.
 
 A planned experiment has a given initial state, so the errors of the sensors that measure it stay nominal. If a run in
 the data contains a figure, the row is for this run: all models replay its measured motion, and the uncertainty includes
-its own nuisances and the noise of its sensors. No number is fitted to it. If it shows an error of the tuned model, and
-a much smaller one of the extended model, the cause improves the prediction of unseen data.
+its own nuisances and the noise of its sensors. No number is fitted to this run. If the row shows an error of the tuned
+model, and a much smaller one of the extended model, the cause improves the prediction of unseen data.
 """
 
 from __future__ import annotations

@@ -22,8 +22,9 @@ The verdict follows from the remaining causes and scores, and no cause is forced
 * otherwise `named`.
 
 The residual on unseen runs may still change the verdict (`final`, from `remainder.py`). `no effect` and a plain `named`
-require that the residual reaches the noise. A cause that leaves most of the error in every channel is not named at all.
-Between these limits, the unseen runs select among rivals (`rivals_unseen.py`).
+require that the residual reaches the noise. Doubts about the data, or misfits, change `no effect` to another verdict
+(`diagnose.verdict_on`). A cause that leaves most of the error in every channel is not named at all. Between these
+limits, the unseen runs select among rivals (`rivals_unseen.py`).
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ def values(numbers: Sequence[float | None]) -> Array:
 
 
 def trace_curves(name: str, trace: Trace, names: tuple[str, str]) -> str:
-    """Draw a few seconds of a report run: measured, and predicted by both models."""
+    """Draw a part of a report run: measured, and predicted by both models."""
     with style():
         figure, axes = panel(2.25, width=4.72, left=0.66, right=0.12, bottom=0.48, top=0.30)
         times = np.array(trace.times)

@@ -139,7 +139,8 @@ def _empty(
 
         dm/dt = −G,   dθ/dt = −θ/τ − (κ−1)·T·G/m,   T = T_w + θ + warm,   p = m·R·T/V
 
-    θ is taken over each step exactly, for constant G/m: at τ = 0 it is 0, and it is linear in τ there.
+    ``warm`` (n,) in K is added to the temperature. θ is integrated exactly over each step for constant G/m: at τ = 0 it
+    is 0, and near τ = 0 it is proportional to τ.
     """
     n = warm.shape[0]
     pressure, temperature = np.empty(n), np.empty(n)

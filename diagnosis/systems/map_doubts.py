@@ -208,7 +208,8 @@ def _loops(force: Array, way: Array) -> list[float]:
 
 
 def _surely_negative(works: Sequence[float]) -> bool:
-    """Return whether the works are negative not only by chance: significantly many are, or all have a similar size.
+    """Return whether the works are negative not only by chance: significantly many are negative, or their mean is
+    negative and all have a similar size.
 
     Loops from the noise of a column at rest have both signs.
     """

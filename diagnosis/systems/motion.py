@@ -9,8 +9,8 @@ over all existing samples y_n, and interpolates the others. σ is the noise of t
 difference around sample n, is that of the motion itself: small at rest, large at reversals.
 
 The removed part of the motion is still in y − x. So y − x is smoothed too and added (twicing; Tukey, Exploratory Data
-Analysis, 1977), both with a smaller q: the same noise is removed, and waves keep their size. With a single smoothing,
-12.5 Hz of 0.5 mm lost 0.08 %, and forces that depend on them seemed to lag by half a millisecond.
+Analysis, 1977), both with a smaller q: the same noise is removed, and waves keep their size. With a single smoothing, a
+wave of 0.5 mm at 12.5 Hz lost 0.08 % of its size, and forces that depend on it seemed to lag by half a millisecond.
 
 A wave that is hardly larger than the noise is still lost. For example, a lateral motion of 2 mm at 12.5 Hz moves the
 heights by 28 µm, because the bolster rolls. `in_step` finds the part of a signal that follows such a motion, if the

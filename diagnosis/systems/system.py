@@ -125,8 +125,8 @@ class Errors:
 
 
 def unit_of(text: str, units: Mapping[str, Unit]) -> ReadUnit:
-    """Return the unit with this name from ``units``; other names are parsed in any usual spelling. Raises
-    UnknownUnit.
+    """Return the unit with this name from ``units``; other names are parsed in any usual spelling. Raises UnknownUnit
+    if this fails.
     """
     return ReadUnit(units[text]) if text in units else read_unit(text)
 

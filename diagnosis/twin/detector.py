@@ -55,8 +55,8 @@ class Detector:
         self._threshold = np.log(BETWEEN / block)
 
     def copy(self) -> Detector:
-        """Return a detector with the same evidence. A growing stretch needs it, because it is judged again from its
-        start.
+        """Return a detector with the same evidence. A growing stretch needs a copy, because each look judges the
+        stretch again from its start.
         """
         other = object.__new__(Detector)
         other._evidence, other._threshold = self._evidence.copy(), self._threshold

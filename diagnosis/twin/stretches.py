@@ -1,8 +1,8 @@
-"""Stretches: the parts of a run in which the model can be judged. They begin at a rest, and last while the air is known
-and the motion is measured.
+"""Stretches: the parts of a run in which the model can be judged. A stretch begins at a rest, or at the end of the
+stretch before it. It lasts while the air is known and the motion is measured.
 
 The processor time of a look grows with the length of its stretch. So a stretch ends at the first rest after a minute.
-In a motion without a rest it ends somewhat later. Then the next stretch begins.
+If no rest follows, it ends after 90 s, and the next stretch begins in the motion.
 """
 
 from __future__ import annotations

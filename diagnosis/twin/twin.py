@@ -318,8 +318,8 @@ class Twin:
         prior = Estimate.prior(self._parameters).at_a_start(self._parameters, seen.rates)
 
         def known() -> Work[Sequence[SizedCause]]:
-            """Return the causes found by an earlier search. If there was none, search those of the stretch up to
-            shortly after the report.
+            """Return the causes found by an earlier search. If there was no search, search the causes in the stretch up
+            to shortly after the detection.
             """
             until = deviation.detected + _SOON
             if before or until > start + len(seen.run.experiment.time) * seen.run.experiment.step - LEAST:

@@ -190,8 +190,8 @@ def _share_of_cell(rig: Rig, side: str, cell: str) -> float:
 
 @once_for_a_rig
 def cells_under(rig: Rig, side: str) -> tuple[str, ...]:
-    """Return the load cells that measure the load on one spring. These are fewer cells if they are directly below the
-    springs.
+    """Return the load cells that measure the load on one spring. Cells directly below the other spring are not
+    included.
 
     Without stated positions these are all upright cells. Shares up to `SOME` do not count, because positions are
     inexact.

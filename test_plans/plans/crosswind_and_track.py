@@ -256,8 +256,8 @@ def take_up(load: str) -> Callable[..., None]:
 def _roll(run: Run, load: Load, force: float, roll: float) -> None:
     """Move the vertical actuators to unequal preloads until the bolster rolls by ``roll`` (rad).
 
-    Springs soften with roll. So the first step applies half of the moment from the specimen's limits, and each step
-    stays below the roll.
+    Springs soften with roll. So the first step applies only half of the moment from the specimen's limits. Each further
+    step multiplies it by the requested roll over the reached one.
     """
     left, right = (run.rig[one] for one in ACTUATORS)
     more = -0.5 * roll * middle(load.limits.band("roll_stiffness")) / (left - right)

@@ -281,8 +281,8 @@ def _compare(run: Run, name: str, at: Samples, values: Values, times: Samples, w
 
 
 def _travel(calm: npt.NDArray[np.bool_], shaken: npt.NDArray[np.bool_], rig: Rig, values: Values) -> float:
-    """Return the largest travel (m) of the bolster toward its bump stop. It is the 99.9th percentile, so that noise
-    does not count.
+    """Return the largest travel (m) of the bolster from its position at rest, to either side. It is the 99.9th
+    percentile, so that noise does not count.
     """
     way = stop_travel_of(values, rig) - values["platform.lateral"]
     return float(np.percentile(np.abs(way - way[calm].mean())[shaken], 99.9))

@@ -76,8 +76,8 @@ def controlled(
     """Run a wave with ``once``, which takes a command amplitude (m), and return its samples.
 
     If the rig requires amplitude control, the wave is repeated until the amplitude is ``target`` (m) within 1 %, at
-    most three times. ``harmonic_of`` returns the first harmonic of the motion (m). The command stays below 1.5 times
-    the target amplitude and within the range of the rig. It is kept for the next wave of this kind in the run.
+    most three times. ``harmonic_of`` returns the first harmonic of the motion (m). The command is at most 1.5 times the
+    target amplitude, and within the range of the rig. It is kept for the next wave of this kind in the run.
     """
     if not run.bench.amplitude_control:
         return once(target)

@@ -30,8 +30,8 @@ def blown(load: Load, rig: Rig, force: Samples, pressure: float) -> Samples:
     """Return the lateral travel (m) of the bolster under a wind ``force`` (N), on the softest springs within their
     limits.
 
-    The track keeps the springs in motion, so friction does not act as a static force. ``pressure`` is relative to that
-    of the load.
+    The track keeps the springs in motion, so friction does not act as a static force. ``pressure`` is the ratio to the
+    pressure of the load.
     """
     stiffness = load.limits.band(ROLL_STIFFNESS, "kN*m/rad").low or inf
     return np.asarray(
@@ -110,7 +110,7 @@ def _friction(load: Load) -> float:
 
 
 def _stiffer(load: Load, pressure: float) -> float:
-    """Return by how much (N/m) the pair is stiffer at ``pressure``, which is relative to that of the load."""
+    """Return by how much (N/m) the pair is stiffer at ``pressure``, the ratio to the pressure of the load."""
     by_pressure = _middle(load.limits.band("lateral_stiffness_by_pressure"))
     return 2 * by_pressure * (pressure - 1.0) * load.fill_pressure
 

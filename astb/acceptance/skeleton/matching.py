@@ -153,8 +153,8 @@ def _words(text: str) -> frozenset[str]:
 
 
 def _unit_fits(signal: Signal, unit: str) -> float:
-    """Return 1 for a unit of the same quantity, 0 for a unit of another quantity, and 0.8 for an unknown unit or
-    none.
+    """Return 1 for a unit of the same quantity, 0 for a unit of another quantity, and 0.8 for an unknown unit or none.
+    For a signal without a unit, return 1 only for none.
     """
     if signal.unit == "1":
         return float(unit in ("", "1"))

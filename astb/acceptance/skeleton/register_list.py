@@ -237,7 +237,9 @@ def _with_bit(where: str, row: _Row) -> _Row:
 
 
 def _head(path: Path, lines: Sequence[str]) -> tuple[str, int, dict[str, int]]:
-    """Return delimiter, index of the heading, and the position of each column. The heading has the most columns."""
+    """Return delimiter, index of the heading, and the position of each column. The heading is the line with the most
+    known names of columns.
+    """
     best: tuple[str, int, dict[str, int]] | None = None
     for delimiter in (",", ";", "\t", "|"):
         for index, line in enumerate(lines[:60]):

@@ -6,7 +6,8 @@ The fit minimises the penalised χ²: Σ|r|² of the whitened residuals plus the
 their priors (`linear.py`). Nearly all of the time is spent on simulations for difference quotients. So columns are
 computed only when needed, in the order of their cost (`ColumnSource`):
 
-* the columns of the nuisances are copied from a fit under the same noise, because they hardly differ between models;
+* the columns of the nuisances are copied from another fit, and whitened again if its noise differs, because they hardly
+  differ between models;
 * the columns of the effects are corrected after each step by Broyden's rule, so that they explain the last change;
 * if a step gains clearly less than the linear model predicts, new columns of the effects are computed; if it fails,
   with central differences;

@@ -127,7 +127,8 @@ class Projection:
     def estimate(self) -> Array:
         """Least-squares amplitudes (m,) of all columns together; 0 for an invisible column.
 
-        Many columns are similar. A ridge of the size of their errors keeps combinations below these errors at 0.
+        Many columns are similar. A ridge of the size of their numerical errors keeps combinations below these errors
+        near 0.
         """
         seen = self.norm > 0.0
         ridge = VISIBLE_PART * np.diagonal(self.gram)[seen]
@@ -222,8 +223,8 @@ class Linearisation:
         return inverse(self.information)
 
     def project(self, extra: Iterable[Columns], workers: int = 1) -> Projection:
-        """Return whitened columns of each run minus the part that the coordinates can imitate. Use ``workers``
-        threads.
+        """Return the projection of the ``extra`` whitened columns of each run: the part that the coordinates can
+        imitate is subtracted. Use ``workers`` threads.
         """
 
         def products(pair: tuple[Block, Columns]) -> tuple[Array, Array, Array]:

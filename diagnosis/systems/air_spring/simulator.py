@@ -238,8 +238,8 @@ class AirSpring(CompleteSimulator):
         values: Sequence[Mapping[str, float]],
         since: NDArray[np.intp],
     ) -> Array:
-        """Return the outputs (n, c) of a bench whose effect changes during the run: to ``values`` (m) at the samples
-        ``since`` (m,).
+        """Return the outputs (n, c) of a bench whose effect changes during the run: to the ``values`` (m,) at the
+        samples ``since`` (m,).
 
         The first value applies from sample 0 and must not be 0, because a delay must exist from the start.
         """

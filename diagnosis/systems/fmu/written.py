@@ -28,7 +28,7 @@ _DIGITS: Final = 9
 
 
 def write_found(folder: Path, finding: Finding, simulator: FmuSimulator) -> None:
-    """Write the TOML file and the parameter set of a finding into a folder. Raises OSError."""
+    """Write the TOML file and the parameter set of a finding into a folder. Raises OSError if this fails."""
     values = simulator.starts(None, finding.models.after, finding.models.effects)
     per_run = {one.name for one in simulator.nuisances if one.per_run}
     values = {name: value for name, value in values.items() if name not in per_run}
@@ -38,7 +38,7 @@ def write_found(folder: Path, finding: Finding, simulator: FmuSimulator) -> None
 
 def write_identified(path: Path, found: Identification, simulator: Simulator, digest: str) -> None:
     """Write the identified parameters of a simulator as TOML. For an FMU also write a parameter set (SSV). Raises
-    OSError.
+    OSError if a file cannot be written.
     """
     identity = simulator.identity if isinstance(simulator, FmuSimulator) else simulator.name
     rows = [
