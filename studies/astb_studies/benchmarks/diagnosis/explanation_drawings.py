@@ -91,22 +91,24 @@ def footprints(path: Path) -> None:
             size = screened.z[i] / screened.norm[i]
             raw, left = size * screened.footprints[:, i], size * screened.left[:, i]
             above, below = axes[:, k]
-            above.plot(time, drawn(raw), color=colour, label="footprint")
+            above.plot(time, drawn(raw), color=colour, label="whole change")
             above.plot(
                 time,
                 drawn(raw - left),
                 color=INK,
                 linewidth=1.0,
                 dashes=(4, 1.6),
-                label="the base model's imitation of it",
+                label="imitated by the base model",
             )
             heading(above, title, "force, in σ")
             below.plot(
-                time, drawn(screened.errors), color=PALE, linewidth=0.7, label="errors of the base model"
+                time, drawn(screened.errors), color=PALE, linewidth=0.7, label="residual of the base model"
             )
-            below.plot(time, drawn(left), color=colour, label="what is left of the footprint")
+            below.plot(time, drawn(left), color=colour, label="footprint")
             heading(
-                below, f"left: {100 * screened.visible[i]:.0f} %; score {screened.z[i]:.0f}", "force, in σ"
+                below,
+                f"footprint: {100 * screened.visible[i]:.0f} % of the change; score {screened.z[i]:.0f}",
+                "force, in σ",
             )
             below.set_xlabel("s of the sweep")
             for one in (above, below):
