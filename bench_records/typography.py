@@ -81,7 +81,7 @@ def with_uncertainty(value: float, half: float) -> tuple[str, str]:
         return significant(value, 4), "\u2013"
     place = math.floor(math.log10(half))
     last = place - (half / 10.0**place < 3.5)
-    if last >= -6 and max(abs(value), half) < 1e7:
+    if last >= (-6 if abs(value) < 0.1 else -9) and max(abs(value), half) < 1e7:
         return fixed(value, max(0, -last)), fixed(half, max(0, -last))
     power = math.floor(math.log10(max(abs(value), half)))
     mantissas = (fixed(number / 10.0**power, max(0, power - last)) for number in (value, half))
