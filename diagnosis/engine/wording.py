@@ -165,7 +165,8 @@ def _still_scores(name: str, beside: Screening, why: str) -> str:
     score = float(beside.z[beside.best(name)])
     if score <= beside.threshold:
         return EXPLAINED
-    return (f"{why}, but " if why else "") + f"it may also be present (score in the final model: {score:.1f})"
+    present = f"may still be present (score in the final model: {score:.1f})"
+    return f"{why}. It {present}" if why else f"it {present}"
 
 
 def _cosine(found: SearchResult, first: str, second: str) -> float | None:

@@ -243,7 +243,7 @@ def _surface(
     rest = (
         ""
         if share > 0.5
-        else f". They explain only {max(share, 0.0):.0%} of it, so another quantity contributes"
+        else f". They explain only {100.0 * max(share, 0.0):.0f} % of it, so another quantity contributes"
     )
 
     def draw() -> Figure:
