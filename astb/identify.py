@@ -113,7 +113,7 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
 
 def identify_data(request: IdentificationRequest, out: Path | None, console: "Console") -> Answer:
     """Run the requested identification, and write the model to ``out`` if given. Without data, return the intervals to
-    be expected after a run of the plan, and write nothing.
+    be expected after a run of the requested plan (default: identification), and write nothing.
 
     Raises DiagnosisError, RecordError or ParameterError; the text names the file, the value and the correct form.
     """

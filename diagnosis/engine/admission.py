@@ -15,8 +15,8 @@ single candidate explains all of its residual.
 
 If nothing enters and the residual is far above the noise, two causes may be missing. A fit with only one of them moves
 the base parameters far from their priors: a lag seems to need a wrong mass because the rubber is missing too. A large
-leak also hides the scores of other causes. So the strained trial that explains most is added to the model, all
-candidates are scored again, and the highest ones are fitted with it (`choose_with_strained`).
+leak also hides the scores of other causes. So the best of the unphysical trials is added to the model, all candidates
+are scored again, and the highest ones are fitted with it (`choose_with_strained`).
 """
 
 from __future__ import annotations

@@ -313,7 +313,8 @@ class _Reader:
         """Return the unit of a column: that of the map, otherwise that of the column header.
 
         If both state different units, the column is added to ``contradicted``, unless the map ignores the header.
-        Raises DiagnosisError if neither states a known unit.
+        Raises DiagnosisError if no unit is stated, if one is not known, or if map and header state different references
+        of a pressure.
         """
         key, stated = f"{self.where}: columns.{name}.unit", series.unit.strip().removeprefix("-")
         if stated in ("", column.unit):

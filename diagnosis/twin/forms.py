@@ -147,15 +147,15 @@ class Shaped(NamedTuple):
 
 
 def places(since: int, bins: int) -> list[int]:
-    """Return the start bins for which steps are simulated, in a stretch of ``bins`` that deviates since bin
-    ``since``.
+    """Return the start bins for which steps are simulated, in a stretch with this number of ``bins`` that deviates
+    since bin ``since``.
     """
     first = max(since - _BEFORE, BINS)
     return sorted({int(one) for one in np.linspace(first, bins - 2 * BINS, _PLACES)})
 
 
 class Forms:
-    """The possible time courses of one ``cause`` in a stretch of ``bins``.
+    """The possible time courses of one ``cause`` in a stretch with this number of ``bins``.
 
     ``steps`` are the effects of steps that start at each of `places`. ``steps_at`` simulates steps from other bins on.
     """
