@@ -134,7 +134,7 @@ def _check_clock(path: Path, frames: Frames, account: Account) -> None:
             _put_in_order(path, frames, times, account)
         usual = float(np.median(np.maximum(steps, 0)))
         if steps[longest] > max(_PAUSE * usual, _SECOND):
-            account.take(f"nothing came for {steps[longest] / _SECOND:.6g} s before {at(longest)}")
+            account.take(f"there are no frames for {steps[longest] / _SECOND:.6g} s before {at(longest)}")
     if times[0] >= _UNIX:
         began = datetime.fromtimestamp(0, UTC) + timedelta(microseconds=int(times[0]) // 1000)
         zone = (
@@ -157,7 +157,5 @@ def _put_in_order(path: Path, frames: Frames, times: np.ndarray, account: Accoun
         )
     steps = np.diff(times)
     count, late = int((steps < 0).sum()), -int(steps.min()) / 1e6
-    account.take(
-        f"{count} frames stand up to {late:.3g} ms behind later ones; they are put in the order of their times"
-    )
+    account.take(f"{count} frames come up to {late:.3g} ms too late in the file; they are sorted by time")
     frames.sort()

@@ -238,7 +238,7 @@ def _choices(where: str, signal: Signal, choices: Mapping[str, ChoiceNumbers]) -
         if signal.choices == SWITCH:
             return _IDENTITY
         raise WiringError(
-            f"{where}.choices is missing; state the number of the rig for each of {' | '.join(signal.choices)}"
+            f"{where}.choices is missing; state the number that the rig uses for each of {' | '.join(signal.choices)}"
         )
     numbers: dict[int, tuple[float, ...]] = {}
     taken: dict[float, str] = {}

@@ -222,7 +222,7 @@ class DescribedWiring(Outlet):
         for name, value in given.items():
             if math.isnan(value):
                 raise LinkLost(
-                    f"{self.rig} does not report {name}: {targets[name].given} has no value; correct from"
+                    f"{self.rig} does not report {name}: {targets[name].given} has no value; correct its key from"
                 )
         return given
 

@@ -109,7 +109,7 @@ class PointSettings:
                 )
                 raise Refused(
                     f"{self._rig} did not acknowledge {name} = {signal.show(value)}: {setting.read} "
-                    f"still reads {shown} after {setting.within:g} s; check read and within",
+                    f"still reads {shown} after {setting.within:g} s; check its keys read and within",
                     DEVICE_FAILURE,
                 )
             clock.sleep_until(min(deadline, clock.now() + LOOK))

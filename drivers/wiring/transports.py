@@ -44,11 +44,9 @@ def open_transport(
     """
     kind = table.get("kind")
     if not isinstance(kind, str) or not (kind in KINDS or ":" in kind):
-        guess = f" {did_you_mean(kind, KINDS)};" if isinstance(kind, str) else ""
-        raise WiringError(
-            f"transports.{name}: kind = {kind!r} is not a transport;{guess} use one of {', '.join(KINDS)}, or "
-            'your own as "package.module:factory" or "file.py:factory"'
-        )
+        kinds = f'use one of {", ".join(KINDS)}, or your own as "package.module:factory" or "file.py:factory"'
+        right = did_you_mean(kind, KINDS, kinds) if isinstance(kind, str) else kinds
+        raise WiringError(f"transports.{name}: kind = {kind!r} is not a transport; {right}")
     opener: Any = port
     if kind == "can":
         from drivers.wiring.can.transport import CanTransport

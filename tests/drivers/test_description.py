@@ -245,7 +245,7 @@ height = { from = "plc.h", unit = "mm" }
 -> is already written by lateral.force_setpoint
 
 "rig.state" = { from = "plc.state" }
--> choices is missing; state the number of the rig for each of OFF | BOOT
+-> choices is missing; state the number that the rig uses for each of OFF | BOOT
 
 "rig.state" = { from = "plc.state", choices = { HOLD = [] } }
 -> choices.HOLD has no number

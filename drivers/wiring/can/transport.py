@@ -155,8 +155,8 @@ class CanTransport(Transport):
             if node not in self._messages[name].coding.senders:
                 senders = ", ".join(self._messages[name].coding.senders)
                 raise WiringError(
-                    f"{place}.messages.{name}: every is for messages from {node} only, but {senders} "
-                    "sends this one; remove every"
+                    f"{place}.messages.{name}: the key every is only for messages that {node} sends, but "
+                    f"{senders} sends this one; remove the key"
                 )
         self._ours = {one.name for one in self._messages.values() if node in one.coding.senders}
 
@@ -214,7 +214,7 @@ class CanTransport(Transport):
         if not message.sendable:
             raise WiringError(
                 f"{place}: {message.name} has pages within pages (nested multiplexing), so it can be "
-                "read but not written; write another message"
+                "read but not written; use a point in another message"
             )
         if self._keys.node is not None and message.name not in self._ours:
             raise WiringError(

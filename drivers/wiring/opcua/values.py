@@ -73,7 +73,7 @@ class NodeKeys(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
             struct.pack(f"<{letter}", raw if letter in "fd" else round(raw))
         except (struct.error, OverflowError):
             raise ValueError(
-                f"{name} = {value:g} does not fit in the server's {kind}; use a number of its range"
+                f"{name} = {value:g} does not fit in the server's {kind}; use a number in its range"
             ) from None
         return raw if letter in "fd" else round(raw)
 
