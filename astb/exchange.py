@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -19,6 +20,7 @@ from bench_records.recorder import Recorder
 from bench_records.report import write_report
 from bench_records.result import conclude
 from bench_records.tables import forms as tables
+from bench_records.tables.keys import FileKeys
 from drivers.can_files import reading
 from drivers.can_log import read_frames, write_frames
 from test_plans.recording import recorded_signals
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
 
 #: All formats of files. Tables come first, because an MDF file is a table unless a DBC describes its frames.
 FORMS: Final = (*tables.FORMS, *reading.FORMS)
+#: A key of a map that is a key of `astb import --table`, too.
+_KEY: Final = re.compile(rf"\bfile\.({'|'.join(FileKeys.__struct_fields__)})\b")
 
 
 def export_run(directory: Path, target: Path, rate: float, names: Sequence[str]) -> str:
@@ -82,12 +86,22 @@ def import_file(source: Path, directory: Path, keys: LogKeys | None = None, tabl
             from bench_records.importing import import_keys, read_mdf, read_table
 
             reader = read_mdf if form.name in ("mdf", "MDF") else read_table
-            count = reader(source, directory, _known_signals().get, meta, account, import_keys(table))
+            try:
+                count = reader(source, directory, _known_signals().get, meta, account, import_keys(table))
+            except RecordError as error:
+                raise RecordError(_as_options(str(error))) from None
     except BaseException:
         rmtree(directory, ignore_errors=True)  # it was new or empty, and an incomplete record is useless
         raise
     _conclude(source, directory, account)
     return "\n  ".join([f"{count} samples", *account.lines()])
+
+
+def _as_options(text: str) -> str:
+    """Return an error message with the options of the import instead of the keys of a map."""
+    return (
+        _KEY.sub(r"--table \1", text).replace("time.unit", "--table time_unit").replace(": time.column:", ":")
+    )
 
 
 def _refuse_idle_keys(source: Path, keys: LogKeys, table: Sequence[str], frames: bool) -> None:

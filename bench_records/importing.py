@@ -265,13 +265,14 @@ def _signal(path: Path, name: str, unit: str, known: Known) -> tuple[SignalInfo,
     signal = known(found["name"]) if found else None
     if found is None or signal is None:
         raise RecordError(
-            f"{path}: the column {name!r} is not a signal of the bench; `astb rig signals` lists the signals"
+            f"{path}: the column {name!r} is not a signal of the bench; write SIGNAL [UNIT], "
+            "with a name of `astb rig signals`"
         )
     stated = found["unit"] or found["round"] or unit
     if stated.strip() in ("", "-", "1") and signal.unit in ("", "1"):
         return signal, (signal.scale, 0.0)
     right = (
-        f"use {signal.unit}, or another unit of the same quantity"
+        f"write {signal.name} [{signal.unit}], or another unit of the same quantity"
         if signal.unit
         else f"{signal.name} has no unit"
     )

@@ -159,7 +159,7 @@ def _column(path: Path, field: pa.Field, data: pa.ChunkedArray) -> Column:
             return Column(field.name, "span", cells, there=there)
     except pa.ArrowException:
         raise RecordError(
-            f"{path}: the column {field.name} has a value beyond the range of a record; convert it to numbers"
+            f"{path}: the column {field.name} has a value outside the range that can be read; export it as numbers"
         ) from None
     return Column(field.name, "other", None, what=f"values of the kind {kind}")
 

@@ -114,7 +114,7 @@ def numbers(
 def _no_number(sheet: Sheet, index: int, at: int, source: Source, where: str) -> str:
     cell = str(sheet.columns[index].cells[at])[:40]
     keys = (
-        "correct file.delimiter, file.decimal or thousands"
+        "correct the cell, file.delimiter, file.decimal or thousands"
         if sheet.delimiter
         else "choose a column of numbers"
     )
@@ -192,7 +192,7 @@ def _separators(
     if other in found.certain:
         at = found.certain[other]
         raise RecordError(
-            f'{where}: "{cells[at]}" in {sheet.at(at)} does not fit to decimal = "{point}"; for this column, give '
+            f'{where}: "{cells[at]}" in {sheet.at(at)} does not match decimal = "{point}"; for this column, give '
             f'decimal = "{other}"'
         )
     # Three digits after the other separator are thousands if the column or a key defines the decimal separator.

@@ -138,15 +138,16 @@ def test_every_sample_event_and_circumstance_comes_back_from_mdf(run: Path, tmp_
         (
             "a.csv",
             "time_s,left.height [N]\n0,1\n",
-            "is in N, which left.height cannot have; use mm",
+            "is in N, which left.height cannot have; write left.height [mm]",
         ),
         ("a.csv", "time_s,left.height [furlong]\n0,1\n", '"furlong" is not a known unit'),
         ("a.csv", "time_s,left.bellows_pressure [bar(a)]\n0,1\n", "is a gauge pressure"),
         (
             "a.csv",
             "time_s,left.height [mm]\n0,1\n1,much\n",
-            'left.height [mm]: "much" in line 3 is not a number',
+            'left.height [mm]: "much" in line 3 is not a number; correct the cell, --table delimiter, --table decimal',
         ),
+        ("a.csv", "time_s,left.height [mm]\n1,1\n0,2\n", "a.csv: the clock falls"),
         ("a.csv", "t,left.height [mm]\n0,1\n", "has no column time_s"),
         ("a.csv", "time_s,left.height [mm]\n0,1\n,2\n1,3\n", "line 3 has a value, but no time"),
         ("a.csv", "time_s,left.height [mm]\n0,1\ninf,2\n", "line 3 has a value, but no time"),
