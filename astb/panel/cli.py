@@ -1,5 +1,6 @@
 """`astb panel`: a web page that shows and controls a rig."""
 
+import errno
 import socket
 from collections.abc import Callable
 from contextlib import ExitStack, nullcontext
@@ -85,10 +86,7 @@ def panel_command(
     rig, path = read_rig(rig_named)
     if rig.time == "virtual":
         misuse(f"rig file {path} has virtual time, and cannot be watched; choose a rig in real time")
-    try:
-        sockets = [_listening(host, port)]
-    except OSError as error:
-        blocked(f"{host}:{port} cannot be served: {error.strerror}; choose another port with --port")
+    sockets = [_listening(host, port)]
     port = sockets[0].getsockname()[1]
     with ExitStack() as stack:
         stack.callback(sockets[0].close)
@@ -130,7 +128,7 @@ def _serve_readings(stack: ExitStack, watch: "Watch", host: str, port: int) -> N
     try:
         server = OpcUaServer(watch, host, port)
     except BenchError as error:
-        blocked(f"{error}; choose another port with --opcua")
+        blocked(f"{error}, with --opcua PORT")
     stack.callback(server.close)
     click.echo(f"OPC UA:      {server.url}")
 
@@ -186,9 +184,14 @@ def _listening(host: str, port: int) -> socket.socket:
     try:
         one.bind((host, port))
         one.listen()  # a reader of the address may connect before the server is ready
-    except OSError:
+    except OSError as error:
         one.close()
-        raise
+        right = (
+            "choose another port with --port"
+            if error.errno == errno.EADDRINUSE
+            else "check --host and --port"
+        )
+        blocked(f"{host}:{port} cannot be served: {error.strerror}; {right}")
     return one
 
 

@@ -161,7 +161,9 @@ class Kept:
             raise RecordError(f"{len(places)} trends are requested, but a page shows 1 to {TRENDS}")
         for place in places:
             if not 0 <= place < len(checks):
-                raise RecordError(f"{run} has no check number {place}; the number of checks is {len(checks)}")
+                raise RecordError(
+                    f"{run} has {len(checks)} checks, so there is no check {place + 1}; reload the page"
+                )
         like = {name: getattr(known, name) for name in ("plan", "rig", "circumstances", "serial_number")}
         trends = [
             trend_of(

@@ -81,7 +81,7 @@ class Rehearsals:
             raise CannotDo(str(error)) from None
         at = body.get("at")
         if not isinstance(at, int | float) or isinstance(at, bool):
-            raise NotAllowed("at must be a number of seconds", 400)
+            raise NotAllowed(f"at = {at!r} is not a number; send the time in s", 400)
         changes = [f"--{kind}={text}" for kind in CHANGES if (text := text_of(body, kind).strip())]
         self._launch(plan, [f"--from={directory}@{at:.3f}s", *changes])
 
