@@ -92,8 +92,8 @@ class Limits:
         curve = self.curve(name, unit)
         if not min(curve) <= place <= max(curve):
             raise SpecimenError(
-                f"{self.where} has no limit of {name} at {place:g} (SI); extend its range, now "
-                f"{min(curve):g} to {max(curve):g}"
+                f"{self.where} has no limit of {name} at {place:g} (in Hz, m or rad); extend its range, "
+                f"which is now {min(curve):g} to {max(curve):g}"
             )
         ends = ([band.low for band in curve.values()], [band.high for band in curve.values()])
         low, high = (float(np.interp(place, list(curve), np.array(end, float))) for end in ends)

@@ -156,7 +156,8 @@ def read_all(plan: str, known: tuple[Parameter, ...], given: Mapping[str, Any]) 
     by_name = {one.name: one for one in known}
     for name in given:
         if name not in by_name:
-            raise ParameterRefused(f"{plan} has no parameter {name}; {did_you_mean(name, by_name)}")
+            right = did_you_mean(name, by_name) if by_name else "this plan has no parameters, so omit it"
+            raise ParameterRefused(f"{plan} has no parameter {name}; {right}")
     try:
         return {one.name: one.read(given[one.name]) if one.name in given else one.default for one in known}
     except ParameterRefused as error:

@@ -157,7 +157,7 @@ def _plan(main: Part, setup: Part, teardown: Part, needs: tuple[str, ...]) -> Pl
         if name not in TABLE.index and not is_dimension(name):
             raise PlanError(
                 f"plan {main.__name__} needs {name!r}, which is neither a signal of the table nor a "
-                "dimension; correct needs"
+                "dimension; correct the argument needs"
             )
     try:
         parameters = declared_parameters(main)

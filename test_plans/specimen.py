@@ -275,8 +275,11 @@ def _load(file: str, name: str, case: Any) -> Load:
 def _contradictions(specimen: Specimen) -> Iterator[str]:
     """Yield a text for each pair of entries that contradict each other."""
     for load in specimen.loads.values():
-        area = specimen.area_at(load.fill_pressure)
         where, preload = f"load_case.{load.name}", f"preload = {load.preload / kN:g} kN"
+        if load.preload <= 0.0:
+            yield f"{where}.{preload} must be above 0"
+            continue
+        area = specimen.area_at(load.fill_pressure)
         borne = load.fill_pressure * area
         right = specimen.pressure_for(load.preload)
         if abs(borne / load.preload - 1.0) > BORNE_OTHERWISE:
@@ -286,7 +289,7 @@ def _contradictions(specimen: Specimen) -> Iterator[str]:
             )
         if load.roll_load >= load.preload:
             yield (
-                f"{where}.roll_load = {load.roll_load / kN:g} kN would lift a spring off, for {preload}; less would do"
+                f"{where}.roll_load = {load.roll_load / kN:g} kN would lift a spring off; it must be below {preload}"
             )
         carried = load.limits.bands.get("carried", Band())
         if load.preload not in carried:
@@ -300,7 +303,7 @@ def _contradictions(specimen: Specimen) -> Iterator[str]:
     loads = specimen.loads
     if "AW0" in loads and "AW3" in loads and loads["AW0"].preload >= loads["AW3"].preload:
         empty, full = (loads[name].preload / kN for name in ("AW0", "AW3"))
-        yield f"the empty car (AW0, {empty:g} kN) is no lighter than the full one (AW3, {full:g} kN)"
+        yield f"the empty car (AW0, {empty:g} kN) must be lighter than the full one (AW3, {full:g} kN)"
 
 
 def _values(where: str, table: Any, known: Mapping[str, str]) -> dict[str, float]:

@@ -77,7 +77,9 @@ class Suspension:
             if not wait_for_somebody(
                 run, lambda: not self._wanted_by, within, f"permission to continue from {where}"
             ):
-                raise HeldTooLong(f"held {where} for {within:g} s, and it was not released; start it again")
+                raise HeldTooLong(
+                    f"held {where} for {within:g} s, and the run was not resumed; start it again"
+                )
             if modes:
                 bench.settings.write(modes)
         except BaseException:

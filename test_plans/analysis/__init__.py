@@ -25,6 +25,7 @@ Wave = Literal["sine", "triangle"]
 
 #: Smallest number of samples per cycle. A fit to fewer samples has no meaning.
 SAMPLES_PER_CYCLE_MIN: Final = 8
+_ENOUGH: Final = f"a whole cycle and {SAMPLES_PER_CYCLE_MIN} samples per cycle are needed"
 #: Number of iterations to find the phase of a wave.
 _STEPS: Final = 3
 #: A sample of a slow loop counts as a turning point if the motion is within this fraction of its range from an end.
@@ -77,11 +78,13 @@ def first_harmonic(times: Samples, values: Samples, frequency: float) -> complex
             "value for each time"
         )
     if times.size < SAMPLES_PER_CYCLE_MIN:
-        raise NotMeasured(f"{times.size} samples are too few for a first harmonic")
+        raise NotMeasured(f"{times.size} samples are too few for a first harmonic; {_ENOUGH}")
     period = (times[-1] - times[0]) / (times.size - 1)
     cycles = (times[-1] - times[0] + period) * frequency
     if cycles < 1 - 1e-6 or times.size < SAMPLES_PER_CYCLE_MIN * cycles * (1 - 1e-6):
-        raise NotMeasured(f"{times.size} samples over {cycles:.3g} cycles are too few for a first harmonic")
+        raise NotMeasured(
+            f"{times.size} samples over {cycles:.3g} cycles are too few for a first harmonic; {_ENOUGH}"
+        )
     if not np.isfinite(values).all():
         raise NotMeasured(f"{np.count_nonzero(~np.isfinite(values))} of {values.size} samples are missing")
     cosine, sine = _harmonic_rows(np.asarray(times, float).tobytes(), frequency) @ values
@@ -182,7 +185,7 @@ def level_of(values: Samples) -> float:
     if not good.all():
         values = values[good]
     if values.size < 2:
-        raise NotMeasured(f"{values.size} samples are too few for a level")
+        raise NotMeasured(f"{values.size} samples are too few for a mean value; at least 2 are needed")
     return float(values.mean())
 
 

@@ -172,7 +172,7 @@ def programme(rig: Rig, wind: float, amplitude: float, frequency: float) -> tupl
 def _look_at_the_wind(run: Run) -> ConditionResult:
     by, kind = run.values["by"], run.values["kind"]
     if by == "rig" and kind != "steady":
-        return ConditionResult(False, f"a {kind} wind is no wave of a generator; by=host streams it")
+        return ConditionResult(False, f"the generator of the rig cannot play a {kind} wind; use by=host")
     return ConditionResult(True, f"a {kind} wind by the {by}")
 
 

@@ -53,7 +53,9 @@ STAND: Final = 3 * s
 RATE: Final = 10 * mm / s
 #: Interval (s) at which the twin is checked for a deviation of the rig from the model.
 ASKED_EVERY: Final = 20 * s
-NOBODY_WATCHES: Final = "no twin watches this run, so deviations are not detected, and the cycles continue"
+NOBODY_WATCHES: Final = (
+    "no twin watches this run, so a deviation is not detected and does not end the cycles; add --watch"
+)
 A_THOUSAND: Final = 1000.0
 CYCLES: Final = ("cycles", "1")
 MADE: Final = CheckName(

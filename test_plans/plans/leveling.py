@@ -78,7 +78,7 @@ def lift(run: Run, within: float) -> None:
     allowed = max(limits.band(f"leveling_{verb}_time").high or 0.0 for verb in ("fill", "exhaust"))
     if within <= allowed:
         raise ParameterRefused(
-            f"within = {within:g} s is no longer than the {allowed:g} s that a valve may take; give a longer time"
+            f"within = {within:g} s must be longer than the {allowed:g} s that a valve may take"
         )
     steps.shim(run, load)
     steps.power_up(run)

@@ -217,4 +217,4 @@ def test_a_longer_hold_is_held_longer(judged):
 def test_a_valve_is_waited_for_longer_than_it_may_take(judged):
     result, _ = judged("leveling", given={"within": "30 s"})
     assert result.verdict is Outcome.BLOCKED
-    assert "within = 30 s is no longer than the 38 s that a valve may take" in result.reason
+    assert "within = 30 s must be longer than the 38 s that a valve may take" in result.reason

@@ -197,7 +197,7 @@ def test_the_rig_s_generator_and_the_host_find_the_same(judged, name):
 def test_a_gust_is_no_wave_of_a_generator(judged):
     result, _ = judged(EMPTY, given={"by": "rig", "kind": "gust"})
     assert result.verdict is Outcome.BLOCKED
-    assert "a gust wind is no wave of a generator; by=host streams it" in result.reason
+    assert "the generator of the rig cannot play a gust wind; use by=host" in result.reason
 
 
 @slow

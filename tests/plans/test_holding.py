@@ -233,7 +233,7 @@ def test_a_run_without_a_permit_is_given_up(ran, monkeypatch):
     suspension.toggle("Ctrl-Z")
     result = ran(lambda run: run.hold_point("here"), suspension=suspension).result
     assert result.verdict is Outcome.BLOCKED
-    assert "stopped by the operator: held here for 0.05 s, and it was not released" in result.reason
+    assert "stopped by the operator: held here for 0.05 s, and the run was not resumed" in result.reason
     assert suspension.wanted_by == ""
 
 

@@ -142,13 +142,14 @@ def test_what_does_not_fit_is_refused_with_file_key_and_value(tmp_path, old, new
             [("value = 8.0, unit", "value = 150.0, unit")],
             "load_case.AW3.roll_load = 150 kN would lift a spring",
         ),
+        ([("value = 53.5,", "value = 0.0,")], "load_case.AW0.preload = 0 kN must be above 0"),
         (
             [("[load_case.AW0]", "[load_case.AW9]"), ("[load_case.AW3]", "[load_case.AW0]")]
             + [("load_case.AW0.", "load_case.AW9.")] * 5
             + [("load_case.AW3.", "load_case.AW0.")] * 5
             + [("[load_case.AW9]", "[load_case.AW3]")]
             + [("load_case.AW9.", "load_case.AW3.")] * 5,
-            "the empty car (AW0, 145 kN) is no lighter than the full one (AW3, 53.5 kN)",
+            "the empty car (AW0, 145 kN) must be lighter than the full one (AW3, 53.5 kN)",
         ),
     ],
 )
@@ -211,7 +212,8 @@ def test_limits_of_a_curve_are_interpolated_and_unknown_beyond_it():
     assert limits.curve_at("k", 0.003) == pytest.approx((15.0, 30.0))
     assert limits.curve_at("k", 0.004) == (20.0, 40.0)
     with pytest.raises(
-        SpecimenError, match=r"has no limit of k at 0.005 \(SI\); extend its range, now 0.002 to"
+        SpecimenError,
+        match=r"has no limit of k at 0.005 \(in Hz, m or rad\); extend its range, which is now 0.002 to",
     ):
         limits.curve_at("k", 0.005)
 
