@@ -456,7 +456,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True):
             raise DiagnosisError(f"the verdict is {self.verdict.value!r}, but suspects are given")
         if (self.verdict is Verdict.AMBIGUOUS) != bool(self.ambiguous_with):
             raise DiagnosisError(
-                f"the verdict is {self.verdict.value!r} with {len(self.ambiguous_with)} rivals"
+                f"the verdict is {self.verdict.value!r}, but the number of rival causes is {len(self.ambiguous_with)}"
             )
 
     @property

@@ -141,7 +141,8 @@ class _Trial:
         if again.tobytes() != self.base.tobytes():
             raise DiagnosisError(
                 f"{self.simulator.name} returned other outputs when it was run again with the same arguments, "
-                f"{described(self.simulator, self.nominal, {})}: by up to {np.nanmax(np.abs(again - self.base)):.3g}; "
+                f"{described(self.simulator, self.nominal, {})}; they differ by up to "
+                f"{np.nanmax(np.abs(again - self.base)):.3g}; "
                 "a simulator must not keep data from one run to the next, and must not use random numbers"
             )
 
@@ -192,7 +193,7 @@ class _Trial:
                 kink = np.linalg.norm(change(-step) + whole, axis=0)
                 if np.any(kink > CURVED * np.maximum(size, kink) + 2.0 * rounding):
                     raise DiagnosisError(
-                        f"{case(-step, step)} has a kink at 0: both changes together should be 0 and are "
+                        f"{case(-step, step)} has a kink at 0: the two changes should cancel, but their sum is "
                         f"{_share(kink, size)} of one of them; if only one sign is physical, give the amplitude "
                         "low=0.0, else make the effect smooth"
                     )
