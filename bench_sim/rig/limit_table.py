@@ -52,7 +52,7 @@ def _limit(signal: str, kind: LimitKind, row: Mapping[str, Any], before: Limit |
         if key not in _KEYS:
             raise ValueError(f"{key} is not a key of a limit; {did_you_mean(key, _KEYS)}")
     if before is None and not {"at", "action"} <= row.keys():
-        raise ValueError("the limit is new; add the keys at and action")
+        raise ValueError('the limit is new; add the keys "at" and "action"')
     own = TABLE[signal].si
     rate = "m/s3" if own == "m/s2" else f"{own}/s"
     units = {LimitKind.RATE: rate, LimitKind.TIMEOUT: "s", LimitKind.COUNT: "1"}
