@@ -67,8 +67,8 @@ def reserve(rig_file: Path, new: Reservation) -> None:
         len(text) <= _TEXT_MAX and text.isprintable() for text in (new.by, new.purpose)
     ):
         raise NotReserved(
-            f"{new.by[:_TEXT_MAX]!r} is not a valid name, or the purpose is invalid; write a name, and at most "
-            f"{_TEXT_MAX} characters in one line"
+            f"the name {new.by[:_TEXT_MAX]!r} or the purpose {new.purpose[:_TEXT_MAX]!r} is not valid; write a name, "
+            f"and for each at most {_TEXT_MAX} characters in one line"
         )
     now = datetime.now(UTC)
     if not (now - _AHEAD < new.start < new.end < now + _AHEAD and now < new.end):

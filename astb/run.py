@@ -147,8 +147,8 @@ def _queue_turn(
 
     if not keeping.wait and (found := others()):
         raise NotReserved(
-            f"{', '.join(plan.name for plan in plans)} by {by} would meet {found[0]}, on {rig.name}; add "
-            f'--wait to start it afterwards, or give its operator with --operator "{found[0].by}"'
+            f"{', '.join(plan.name for plan in plans)} by {by} would overlap {found[0]}, on {rig.name}; add "
+            f'--wait to start afterwards, or give its operator with --operator "{found[0].by}"'
         )
     while True:
         if keeping.wait:  # outside the queue, where it would keep the holder of the reservation waiting

@@ -204,10 +204,10 @@ def _no_answer(subject: Subject) -> None:
     transport.close()
     if took > subject.within + 1 * s:
         raise Breach(
-            f"connect(within={subject.within:g}) took {took:.1f} s to refuse; raise LinkLost in time"
+            f"connect(within={subject.within:g}) took {took:.1f} s to refuse; raise LinkLost within this time"
         )
     if listener.lost:
-        raise Breach(f"a loss was reported without a connection: {listener.lost[0]}; only raise LinkLost")
+        raise Breach(f"connect reported a loss: {listener.lost[0]}; raise LinkLost instead")
 
 
 def _what_comes(subject: Subject) -> None:
@@ -354,7 +354,9 @@ def _refusing(subject: Subject) -> None:
             _expect(Refused, f"write of {subject.refused}", partial(bench.transport.write, one))
         bench.transport.read(list(subject.readable))
         if bench.listener.lost:
-            raise Breach(f"the refusal was reported as a loss: {bench.listener.lost[0]}; only raise Refused")
+            raise Breach(
+                f"the refusal was reported as a loss: {bench.listener.lost[0]}; raise Refused instead"
+            )
 
 
 def _unavailable(subject: Subject) -> None:
@@ -365,7 +367,7 @@ def _unavailable(subject: Subject) -> None:
         bench.wait(2 * bench.transport.period)
         value = bench.transport.read([subject.unavailable])[subject.unavailable]
     if not math.isnan(value):
-        raise Breach(f"{subject.unavailable} = {value:g} is not available; return NaN")
+        raise Breach(f"{subject.unavailable} is not available, but reads {value:g}; return NaN")
 
 
 def _threads(subject: Subject) -> None:
@@ -438,7 +440,7 @@ def _losing(subject: Subject) -> None:
         _expect(LinkLost, "read after the loss", lambda: bench.transport.read(reads))
         if (bench.clock.now() - start) / NS > subject.within:
             raise Breach(
-                f"reading took more than {subject.within:g} s to report the lost connection; raise LinkLost in time"
+                f"reading took more than {subject.within:g} s to report the lost connection; raise LinkLost earlier"
             )
         bench.wait(3 * bench.transport.period + 5 * _POLL)
         if len(bench.listener.lost) != 1:
