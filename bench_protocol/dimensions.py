@@ -192,7 +192,7 @@ def ordinary() -> Dimensions:
 
 
 def read_dimensions(name: str | Path, home: Path = Path()) -> Dimensions:
-    """Return the dimensions of a TOML file, relative to ``home``, or the supplied ones with this name.
+    """Return the dimensions of a TOML file, relative to ``home``, or the supplied dimensions with this name.
 
     Raises DimensionsError, with file, key, value and unit, if the file cannot be read or has an invalid value.
     """

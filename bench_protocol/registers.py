@@ -13,8 +13,8 @@ Each block lies between two copies of the sequence number of the sampling instan
 exist. Registers never move. A new reading gets the number after the old end of the block. The old sequence number
 remains in its place, so a number without a reading is a former end of the block (`free_address`).
 
-The holding register of a setting has its staged value. The input register `ACTIVE_BLOCK` behind it has the value in
-force.
+The holding register of a setting has its staged value. The input register with an address larger by `ACTIVE_BLOCK` has
+the active value.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping

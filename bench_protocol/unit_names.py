@@ -33,7 +33,7 @@ _EXPONENTS: Final[dict[str, dict[str, int]]] = {
 def base_exponents(unit: str) -> dict[str, int]:
     """Return the exponents of an SI unit in the notation of this project, such as ``N*m/(rad*Pa)``.
 
-    Raises ValueError for others.
+    Raises ValueError for other notations.
     """
     above, _, below = unit.partition("/")
     total = dict.fromkeys(BASES, 0)

@@ -79,7 +79,7 @@ def lock_cache(cache_file: Any) -> None:
     """Allow one process at a time to save or load compiled functions.
 
     numba first writes the place of a function into its index, and then the function. Without the lock, two processes
-    may choose the same place for two functions, and a process that loads may get an outdated one.
+    may choose the same place for two functions, and a process that loads may get an outdated function.
     """
     place = f"{cache_file._cache_path}/{LOCK}"
     load = cache_file.load
