@@ -2,8 +2,8 @@
 
 The head of a column, such as ``left.height [mm]``, has the name of the signal and the unit of its numbers. An MDF file
 contains the values of the record (SI), with a conversion to that unit. The comment in its header contains events and
-meta data. So it can be imported again as the same record, sample for sample. A CSV file is imported as a table at one
-rate.
+meta data. So an MDF file can be imported again as the same record, sample for sample. A CSV file is imported as a table
+at one rate.
 """
 
 from __future__ import annotations

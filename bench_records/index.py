@@ -111,7 +111,8 @@ _CHECK: Final = (
 class RunIndex:
     """The index of all runs in ``folder`` and its subfolders.
 
-    Raises RecordError if it is not a folder, or if the index cannot be read or written.
+    If the index cannot be written, each query uses a database in memory. Raises RecordError if ``folder`` is not a
+    folder, or if the index is locked for too long or damaged.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -20,9 +20,9 @@ _MET = {True: "met", False: "not met", None: "not judged"}
 def junit(result: Result) -> bytes:
     """Return the result as XML: values beyond limits are failures, checks without a value errors.
 
-    Checks that are not available are skipped. The time of a check is the time since the previous one; the case of the
-    run has the time after the last. Only a run in real time has a time stamp. The names of suite and cases include the
-    parameters and the serial number of the specimen, so that several runs of a plan have different names.
+    Checks that are not available are marked as skipped. The time of a check is the time since the previous one; the
+    case of the run has the time after the last. Only a run in real time has a time stamp. The names of suite and cases
+    include the parameters and the serial number of the specimen, so that several runs of a plan have different names.
     """
     given = _parameter_text(result)
     failures = result.count(CheckVerdict.FAIL)

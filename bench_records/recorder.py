@@ -59,9 +59,9 @@ class Recorder:
     """Writes one record to a directory, which is created if it does not exist.
 
     ``receive`` may be called from one thread and ``event`` from another. ``limit`` is the largest number of samples in
-    the record. Later samples are counted and dropped, and the meta data state their number. ``start_ns`` is the time 0
-    s of the record; without it, this is the first sample or event. If ``in_background`` is false, ``receive`` itself
-    writes each batch. This is for virtual time, in which a slow disk delays no tick.
+    the record. Later samples are counted and dropped; the meta data state the number of dropped samples and events.
+    ``start_ns`` is the time 0 s of the record; without it, this is the first sample or event. If ``in_background`` is
+    false, ``receive`` itself writes each batch. This is for virtual time, in which a slow disk delays no tick.
 
     Raises ``RecordError`` if the directory already contains an unfinished stream, if two signals have the same name,
     or if the meta data use a key of the file format.
@@ -177,7 +177,7 @@ class Recorder:
 
     def event(self, time_ns: int, kind: str, text: str, **data: Any) -> None:
         """Record an event at ``time_ns``, such as a change of state, a trip or a check. ``data`` must be valid for
-        JSON.
+        JSON. Events after the first `EVENT_LIMIT` are counted and dropped.
         """
         event = RecordedEvent(int(time_ns), kind, text, data)
         try:

@@ -139,8 +139,8 @@ def _lenient(lines: Sequence[str], delimiter: str) -> list[list[str]]:
 
 
 def _delimiter(lines: Sequence[str], keys: FileKeys, wanted: Sequence[ColumnName]) -> str:
-    """Return the delimiter that gives a row with the ``wanted`` names. Otherwise it is the one with most rows of
-    equal width.
+    """Return the delimiter: that of a first line ``sep=``, else the one that separates most of the ``wanted`` names. If
+    several separate as many, the largest share of values decides, then the number of rows of equal width.
     """
     if lines[0].lower().startswith("sep=") and len(lines[0].strip()) == 5:
         return lines[0].strip()[-1]
