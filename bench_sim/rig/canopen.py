@@ -119,8 +119,9 @@ class CanopenNode:
         return mine & (block["id"] <= STANDARD_ID_MAX)
 
     def receive(self, block: Block, peer: str) -> Block:
-        """Handle the frames of ``peer`` that are for the node, and return the others. If the node is not operational,
-        only requests for the lease are returned, and the rest is counted as refused.
+        """Handle the first `_FRAMES_AT_ONCE` frames of ``peer`` that are for the node, count the rest of these as
+        dropped, and return the other frames. If the node is not operational, only requests for the lease are returned,
+        and the other frames are counted as refused.
         """
         self.objects.peer = peer
         mine = self._for_node(block)

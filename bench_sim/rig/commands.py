@@ -202,8 +202,8 @@ def _prove(c: Any, block: Any, sender: int, published: Any) -> None:
 
 @compiled
 def _may_prove(c: Any, sender: int, token: int) -> bool:
-    """Return whether ``token`` makes ``sender`` the commander. A wrong token is counted for this sender, and after
-    ``TRIES_MAX`` of them none is accepted.
+    """Return whether ``token`` makes ``sender`` the commander. A wrong token is counted for this sender. After
+    ``TRIES_MAX`` wrong tokens, no token of this sender is accepted.
 
     If frames have no sender, wrong tokens are not counted, because they cannot be distinguished from other commands.
     """

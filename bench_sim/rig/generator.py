@@ -52,7 +52,9 @@ class FunctionGenerator:
         self._added = []
 
     def run(self) -> bool:
-        """Start the program of the settings, or resume a held one. Return whether that is possible."""
+        """Start the added waves, or the wave of the settings if none was added, or resume a held program. Return
+        whether that is possible.
+        """
         c = self._controls
         if c["program"] == Program.RUN:
             return False

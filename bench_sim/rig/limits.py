@@ -32,8 +32,8 @@ class Limit:
     """A limit of one reading. Values are in the SI unit of the reading unless stated otherwise.
 
     ``at`` is the limit of a quantity that depends on ``kind``. UPPER and LOWER: the reading, extrapolated by ``lead``.
-    ERROR: the difference between reading and set-point. RATE: the rate of change per s. TIMEOUT: the time (s) without
-    a reading. With ``within``, it is also the time for which the reading is farther than this from a constant
+    ERROR: the difference between reading and set-point. RATE: the rate of change per s. TIMEOUT: the time (s) without a
+    reading. With ``within``, it is also the time for which the reading is farther than ``within`` from a constant
     set-point. COUNT: how often the reading has risen above ``level``.
     """
 
@@ -255,9 +255,10 @@ def detect(c: Any, values: Any, detectors: Any) -> int:
 
 
 def reset_detectors(detectors: npt.NDArray[np.void]) -> None:
-    """Clear all trips.
+    """Clear all trips. Timeouts and counts begin again.
 
-    A reading that is still beyond its limit trips only if it increases further. So the axis can be moved back.
+    Another reading that is still beyond its limit trips only if it moves further beyond it, by more than the
+    hysteresis. So the axis can be moved back.
     """
     for name in ("tripped", "reported", "outside", "age", "count"):
         detectors[name] = 0

@@ -1,4 +1,4 @@
-"""The rig in real time: the tick runs in one thread and the servers in another, in a process of their own."""
+"""The rig in real time, in a separate process: the tick runs in one thread and the servers in another."""
 
 import contextlib
 import gc

@@ -46,7 +46,7 @@ class Host(Protocol):
 
     @property
     def sequence(self) -> int:
-        """Return a number that changes with every sampling instant. It belongs to ``seen``."""
+        """Return the number of the sampling instant of ``seen``. It changes with every instant."""
 
     def act(self, name: str) -> bool:
         """Execute the action of a coil. Return whether the bench accepted it in its present state."""

@@ -159,8 +159,8 @@ class Rig:
 
     @cached_property
     def _run_ticks(self) -> Any:
-        """Return the compiled ticks. They are loaded on first use (0.2 s), because virtual time may use the caller's
-        own ones.
+        """Return the compiled ticks. They are loaded on first use (0.2 s), because a caller in virtual time may use its
+        own compiled ticks (``streamed``).
         """
         return bind(run_ticks, 1, *self._tick_state, self._scratch)
 

@@ -64,8 +64,8 @@ def as_json(fault: Fault) -> dict[str, Any]:
 
 
 def _parameter_facts(one: FaultNumber | FaultChoice) -> dict[str, Any]:
-    """Return the description of a parameter. It includes its choices, or the range for each sensor if it depends on
-    one.
+    """Return the description of a parameter. It includes the choices, or the range for each sensor if the range depends
+    on the sensor.
     """
     found = {"name": one.name, "span": one.span.replace("`", ""), "usual": one.usual, "text": one.text}
     if isinstance(one, FaultChoice):
