@@ -18,7 +18,9 @@ _LOOK: Final = 0.5 * s
 
 
 def last_incident(bench: Bench) -> int:
-    """Return the number of the incident in the black box; 0 if there is no incident or no black box."""
+    """Return the number of the incident in the black box; 0 if there is no incident or no black box, or if it cannot be
+    read.
+    """
     if not bench.wiring.capabilities.files:
         return 0
     try:
@@ -29,7 +31,8 @@ def last_incident(bench: Bench) -> int:
 
 def incident_since(bench: Bench, number: int) -> Incident | None:
     """Return the incident that was stored after incident ``number``. Return None if there is none, or if the rig is
-    lost or has no black box. If the rig is still recording the incident, wait for the end of the recording.
+    lost or has no black box. If the rig is still recording the incident, wait for the end of the recording, at most
+    `_RECORDED_WITHIN` s.
     """
     if not bench.wiring.capabilities.files:
         return None

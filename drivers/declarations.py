@@ -222,7 +222,7 @@ class Bit(Streamed[bool]):
 
 
 class Setting(Declaration[float]):
-    """A number in a holding register. An assignment checks the value, writes it and puts it in force."""
+    """A number in a holding register. An assignment checks the value, writes it and activates it."""
 
     kinds = (Kind.SETTING,)
 
@@ -234,7 +234,7 @@ class Setting(Declaration[float]):
 
 
 class ChoiceSetting(Declaration[str]):
-    """A choice in a holding register, by name. An assignment checks the choice, writes it and puts it in force."""
+    """A choice in a holding register, by name. An assignment checks the choice, writes it and activates it."""
 
     kinds = (Kind.SETTING,)
 

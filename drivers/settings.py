@@ -68,18 +68,18 @@ class Settings:
             self.applied(checked)
 
     def read(self, name: str) -> float:
-        """Return the value (SI) of a setting in force in the rig."""
+        """Return the value (SI) of an active setting in the rig."""
         if self._table[name].kind is not Kind.SETTING:
             raise Misuse(f"{name} is a {self._table[name].kind}, not a setting")
         return self.reading(name)
 
     def choice(self, name: str) -> str:
-        """Return the name of the choice in force in the rig; ``"unknown"`` if the rig does not report it."""
+        """Return the name of the active choice in the rig; ``"unknown"`` if the rig does not report it."""
         number, choices = self.read(name), self._table[name].choices
         return choices[round(number)] if 0 <= number < len(choices) else UNKNOWN
 
     def in_force(self) -> dict[str, float]:
-        """Return the values (SI) in force of all settings that the rig has. Staged values are not included."""
+        """Return the active values (SI) of all settings that the rig has. Staged values are not included."""
         return self._read(self._present(Kind.SETTING))
 
     # -- actions, contacts, polled readings ----------------------------------------------------------------------

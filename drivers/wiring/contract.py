@@ -82,7 +82,7 @@ NO_WATCHDOG: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
-    """Functions that a rig provides. The bench replaces a missing one or works without it."""
+    """Functions that a rig provides. The bench replaces a missing function or works without it."""
 
     generator: bool = False  #: has a function generator; without one the host streams waveforms as set-points
     lease: bool = False  #: accepts one commander at a time
@@ -219,7 +219,7 @@ class Wiring(Protocol):
         """Write settings (SI), all or none. Raises Refused if the rig rejects them."""
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
-        """Return settings in force, contacts, or readings that are polled on request (SI; NaN: not available)."""
+        """Return active settings, contacts, or readings that are polled on request (SI; NaN: not available)."""
 
     def act(self, name: str) -> None:
         """Trigger an action of the table. Raises Refused if the rig rejects it."""

@@ -184,7 +184,7 @@ class Player:
     def advance(self, time: int, *, active: bool) -> dict[int, float]:
         """Advance the program to ``time`` (ns); return the offsets of the set-points (SI) by table row.
 
-        If the bench is not ``active``, the program ends at once and its offsets are dropped, because arming sets all
+        If the bench is not ``active``, the program ends at once, and its offsets become 0, because arming sets all
         set-points to the measured values.
         """
         with self._lock:

@@ -17,7 +17,7 @@ from drivers.wiring.points import LOOK, Points
 class PointSettings:
     """The settings of the rig ``rig``, as listed in ``description``.
 
-    ``apply`` puts written settings in force, on a rig that stages them.
+    ``apply`` activates written settings, on a rig that stages them.
     """
 
     def __init__(self, rig: str, description: Description, points: Points, apply: Callable[[], None]) -> None:

@@ -105,9 +105,9 @@ class AstbRegisters:
     # -- settings ------------------------------------------------------------------------------------------------
 
     def write(self, values: Mapping[str, float]) -> None:
-        """Stage ``values`` (SI, within their ranges) in one request and put them in force with APPLY.
+        """Stage ``values`` (SI, within their ranges) in one request and activate them with APPLY.
 
-        Raises ``Refused`` if the rig rejects them. The values in force are then unchanged, and are staged again.
+        Raises ``Refused`` if the rig rejects them. The active values are then unchanged, and are staged again.
         """
         with self._lock:
             before = self.in_force()  # read each time, because the rig may reset settings by itself
@@ -124,8 +124,8 @@ class AstbRegisters:
                 raise Refused(f"the rig refused {request}: {reason}", refused.code) from None
 
     def _stage(self, known: Mapping[str, float], values: Mapping[str, float]) -> None:
-        """Write all registers from the first to the last of ``values`` in one request; others between them get their
-        ``known`` values.
+        """Write all registers from the first to the last of ``values`` in one request; other registers between these
+        get their ``known`` values.
         """
         addresses = [self._holding[name].address for name in values]
         span = [r for r in self._holding.values() if min(addresses) <= r.address <= max(addresses)]
@@ -133,7 +133,7 @@ class AstbRegisters:
         self._commanding(lambda: self._port.write_registers(span[0].address, words))
 
     def in_force(self) -> dict[str, float]:
-        """Return the values (SI) in force of all settings in the rig. Staged values are not included."""
+        """Return the active values (SI) of all settings in the rig. Staged values are not included."""
         registers = list(self._active.values())
         words = self._port.read_input(registers[0].address, 2 * len(registers))
         return {r.signal: from_words(*words[2 * k : 2 * k + 2]) for k, r in enumerate(registers)}
@@ -198,13 +198,13 @@ class AstbRegisters:
         return self._port.read_discrete(self._contacts[name].address, 1)[0]
 
     def reading(self, name: str) -> float:
-        """Return one reading or setting in force (SI) through Modbus; NaN if the rig has no value."""
+        """Return one reading or active setting (SI) through Modbus; NaN if the rig has no value."""
         if name in self._absent:
             return math.nan
         return from_words(*self._port.read_input(self._floats[name].address, 2))
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
-        """Return contacts, settings in force and readings (SI).
+        """Return contacts, active settings and readings (SI), by name.
 
         Contacts and settings need one request each, readings one request for each block.
         """

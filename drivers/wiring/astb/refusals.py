@@ -41,7 +41,7 @@ _PROGRAM: Final = {
 
 @dataclass(frozen=True, slots=True)
 class RigState:
-    """The state of the rig just after a refusal: readings and settings in force (SI), and contacts."""
+    """The state of the rig just after a refusal: readings and active settings (SI), and contacts."""
 
     readings: Mapping[str, float]
     contacts: Mapping[str, bool]

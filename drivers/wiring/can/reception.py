@@ -27,7 +27,7 @@ _FEW: Final = 0.01
 
 
 class Reception:
-    """Identifies frames by identifier, or with J1939 by group, and counts received, dropped and foreign ones."""
+    """Identifies frames by identifier, or with J1939 by group, and counts received, dropped and foreign frames."""
 
     def __init__(self, messages: Mapping[str, Message], is_ours: Callable[[str], bool]) -> None:
         self._messages, self._is_ours = messages, is_ours

@@ -362,7 +362,7 @@ class CanTransport(Transport):
         self._listener.receive(time, values)
 
     def read(self, names: Sequence[str]) -> dict[str, float]:
-        """Return the latest values; NaN for stale or missing ones. A bus cannot be polled."""
+        """Return the latest values; NaN for stale or missing values. A bus cannot be polled."""
         for name in names:
             self.require(name)
         self._listener.check()

@@ -352,8 +352,8 @@ class ModbusTransport(Transport):
         self._in_background({name: self._cycles % (min(high, 65535.0) + 1)})
 
     def _in_background(self, values: Mapping[str, float], before: Refusal | None = None) -> Refusal | None:
-        """Write ``values`` once. Return None if the device accepts them, its rejection, or ``before`` if it does not
-        answer.
+        """Write ``values`` once. Return None if the device accepts them, else its rejection. ``before`` is the present
+        rejection, whose time ``since`` a further rejection keeps; it is returned if the device does not answer.
         """
         try:
             self.write(values, patient=False)

@@ -164,8 +164,8 @@ class OpcUaTransport(Transport):
     # -- the connection ------------------------------------------------------------------------------------------
 
     def connect(self, clock: Clock, lost: OnLost, *, within: float) -> None:
-        """Connect and subscribe. Raises LinkLost without an answer, MapMismatch if the server lacks one of the
-        nodes.
+        """Connect and subscribe. Raises LinkLost without an answer ``within`` s, MapMismatch if the server lacks a node
+        or a point can never have a value.
         """
         from asyncua import Client
 
@@ -411,8 +411,8 @@ class OpcUaTransport(Transport):
         return [] if self._reports is None else self._reports.remarks()
 
     def _in_background(self, values: Mapping[str, float], before: Refusal | None = None) -> Refusal | None:
-        """Write ``values``; return the rejection by the server, None if accepted. A rejection begins with ``before``,
-        the present one.
+        """Write ``values``. Return the rejection by the server, None if it accepts them. ``before`` is the present
+        rejection, whose time ``since`` a further rejection keeps.
         """
         assert self._clock is not None
         try:
