@@ -295,8 +295,8 @@ def _over_time(trend: Trend, name: str) -> str:
             if one.expanded is not None:
                 reach = one.expanded / last.scale
                 axes.errorbar(factor * day, value, reach, color=SOFT, linewidth=0.9, capsize=3, zorder=1)
-        for limit in ("low", "high"):
-            places = [getattr(one, limit) for one in trend.checks]
+        for field, limit in (("low", "lower limit"), ("high", "upper limit")):
+            places = [getattr(one, field) for one in trend.checks]
             levels = [math.nan if n is None else n / last.scale for n in places]
             # A limit is drawn as a step curve, because it may change between runs.
             drawn: dict[str, Any] = {"color": ALARM, "linewidth": 0.9, "linestyle": (0, (4, 2))}
@@ -305,7 +305,7 @@ def _over_time(trend: Trend, name: str) -> str:
             elif not math.isnan(levels[-1]):
                 axes.axhline(levels[-1], **drawn)
             if not math.isnan(levels[-1]):
-                named = f"{limit} limit {number(levels[-1])}"
+                named = f"{limit} {number(levels[-1])}"
                 offset: dict[str, Any] = {"xytext": (4, 0), "textcoords": "offset points", "va": "center"}
                 where = (1.0, levels[-1])
                 axes.annotate(

@@ -58,7 +58,7 @@ CLOSE_ROWS: Final = 4
 #: Symbols of dynamic stiffness, which names of checks and axes contain, and their meanings.
 SYMBOLS: Final = {
     "K\u2032": "the stiffness in phase with the displacement",
-    "K\u2033": "the loss stiffness, in phase with the velocity",
+    "K\u2033": "the stiffness in phase with the velocity (loss stiffness)",
     "c": "the damping, K\u2033 / (2π · frequency)",
     "δ": "the loss angle, with tan δ = K\u2033 / K\u2032",
 }
@@ -139,7 +139,7 @@ def _banner(result: Result, twin: TwinStory | None) -> Banner:
             else "The model could not be compared with the rig; see the reasons below."
         )
     if result.checks:
-        named = {CheckVerdict.ERROR: "without a value"}
+        named = {CheckVerdict.ERROR: "with an error"}
         counts = [(result.count(verdict), named.get(verdict, verdict.value)) for verdict in CheckVerdict]
         lines = [f"{n} {name}" for n, name in counts if n or name != CheckVerdict.NOT_AVAILABLE.value]
         tally = "\u2002·\u2002".join(lines)
@@ -218,7 +218,7 @@ def _twin(twin: TwinStory) -> Markup:
         for one in twin.all_deviations
     ]
     agreed = "The rig agreed with its model in all parts of the run that could be judged."
-    words: dict[bool | None, str] = {True: "agreed", False: "deviated"}
+    words: dict[bool | None, str] = {True: "no deviation", False: "with a deviation"}
     rows = [
         (f"{one.start:.1f} s", f"{one.end:.1f} s", words.get(one.along, f"not judged: {one.why}"))
         for one in twin.judged
@@ -487,7 +487,10 @@ def _dimensions(meta: dict[str, Any]) -> list[Markup]:
     ]
     numbers = table("dimension | value, SI :n | uncertainty, SI :n | source", rows, "numbers")
     return [
-        paragraph(f"The run used {len(known)} dimensions of the rig. They are also in meta.json."),
+        paragraph(
+            f"The run used {len(known)} dimensions of the rig. They are also in meta.json. Values without a unit are "
+            "in SI units."
+        ),
         element("details", element("summary", "Dimensions of the rig") + numbers, "hint"),
     ]
 

@@ -247,7 +247,7 @@ def curve_traces(curves: Sequence[Curve]) -> list[Trace]:
         traces.append(Trace(one.name, color, dash, xs, ys, _wide(index, len(curves)), _expanded(one)))
     limits: dict[tuple[float | None, ...], Trace] = {}
     for one in curves:
-        for label, levels in (("low limit", one.lows), ("high limit", one.highs)):
+        for label, levels in (("lower limit", one.lows), ("upper limit", one.highs)):
             if any(level is not None for level in levels):
                 limits.setdefault(
                     tuple(levels), Trace(label, ALARM, DASH, _display(one.xs, x), _display(levels, y), 0.8)

@@ -188,7 +188,7 @@ def without_codes(
             continue
         mask = _codes_in(found[name])
         codes = _values(found[name].values[mask])
-        what = f"{codes} may be no measurement (null = [{codes}] of the column says so, null = [] that it is one)"
+        what = f"{codes} may be codes for missing values (add null = [{codes}] to the column, or null = [] if measured)"
         _apply(found, remarks, file, name, "undeclared code", mask, what, inputs)
     return found, remarks
 

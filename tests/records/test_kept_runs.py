@@ -173,7 +173,7 @@ def test_a_trend_shows_how_sure_each_value_is_and_names_its_limits(tmp_path) -> 
     page = (tmp_path / "sure.html").read_text()
     assert page.count('<td class="n">± 2.5</td>') == 4
     words = re.findall(r"<text[^>]*>([^<]*)</text>", page)
-    assert {"low limit 0", "high limit 120"} <= set(words)
+    assert {"lower limit 0", "upper limit 120"} <= set(words)
     write_trends([trend_of("K", [kept(0, 1e5), kept(1, 1e5)])], "7", tmp_path / "bare.html")
     assert "± U, and the line" not in (tmp_path / "bare.html").read_text()
 
