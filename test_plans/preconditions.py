@@ -91,7 +91,7 @@ def supply_for(*loads: str) -> Precondition:
         carries = max(run.specimen.load(name).fill_pressure for name in _chosen(run, loads))
         return supply(carries + HEADROOM).look(run)
 
-    what = " and ".join("the load that is chosen" if name == PARAMETER else name for name in loads)
+    what = " and ".join("the selected load" if name == PARAMETER else name for name in loads)
     text = f"supply pressure {HEADROOM / bar:g} bar above that of {what}"
     return Precondition(text, look, strict=False, armed=True)
 
@@ -188,8 +188,8 @@ def load_cases(*names: str) -> Precondition:
             not lacking, f"{found}; {', '.join(lacking)} would be needed" if lacking else found
         )
 
-    what = " and ".join("that is chosen" if name == PARAMETER else name for name in names)
-    return Precondition(f"load case {what} of the specimen", look)
+    what = " and ".join("the selected load" if name == PARAMETER else name for name in names)
+    return Precondition(f"load case of the specimen: {what}", look)
 
 
 def _chosen(run: Run, names: Iterable[str]) -> list[str]:

@@ -291,7 +291,7 @@ def _crosswind_and_track(
     unequal preload rolls the bolster by `roll`; with a positive `roll`, it leans into the wind.
 
     The `wind` is steady, has the gust of EN 14067-6, or is stochastic with von Kármán's spectrum. It rises within 4 s.
-    The lateral actuator applies the share of one bogie, and the vertical actuators apply its moment. During the wind,
+    The lateral actuator applies the force on one bogie, and the vertical actuators apply its moment. During the wind,
     the platform follows a unilateral cosine of `amplitude` and `frequency`, vertically and laterally together. All five
     axes use one time base. The host streams the motion. With `by` = rig, the function generator of the rig makes a
     steady wind and the track in one program.

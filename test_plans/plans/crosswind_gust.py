@@ -83,7 +83,7 @@ JUDGED: Final = {
     "air_moment": (
         CheckName(
             "moment of the air over that of the wind",
-            "The share of the wind's moment that the air carries: the rubber carries the rest and wears out sooner.",
+            "The share of the wind's moment that the air pressure carries: the rubber carries the rest and wears.",
         ),
         "1",
     ),
@@ -194,15 +194,15 @@ def crosswind_gust(
     The springs carry the load, their valves are shut, and the differential pressure valve connects them. The bolster is
     free in all directions under the preload. The wind rises to its mean within 4 s. After 4 s a gust passes the car. It
     has the shape of EN 14067-6 and a maximum of `wind`, which is 1.7 times the mean. Then the mean wind continues for 4
-    s and fades. The share of one bogie pushes the bolster sideways, and its moment rolls it. The lateral actuator and
-    the difference of the vertical actuators follow a waveform that the host streams.
+    s and fades. The wind force on one bogie pushes the bolster sideways, and its moment rolls it. The host sends the
+    force of the lateral actuator, and the difference of the vertical forces, as set-points.
 
     The specimen's file has the limits for these results:
 
     * the largest displacement and roll;
     * the lateral stiffness and the roll stiffness under the gust;
     * the pressure difference, which must not open the valve between the springs;
-    * the share of the moment that the air carries;
+    * the share of the moment that the air pressure carries, and not the rubber;
     * the time until the bolster is at rest again;
     * the displacement and the pressure difference that remain after the wind.
 

@@ -61,9 +61,9 @@ def lateral_stiffness(
     """Lateral stiffness and damping of the springs, of any amplitude about any offset.
 
     The springs carry the `load` on their leveling valves; then height and pressure are held. Bolster and platform shear
-    the springs to the `offset`. Where the bump stop would limit the shear, both are tilted together. About this offset,
-    the lateral actuator moves the springs by the `amplitude` in a sine of 0.5 Hz. Stiffness and damping are those of
-    the first harmonic, half of the values of the pair.
+    the springs to the `offset`. If the bump stop would limit the shear, bolster and platform are rolled together. About
+    this offset, the lateral actuator moves the springs by the `amplitude` in a sine of 0.5 Hz. Stiffness and damping
+    are those of the first harmonic, half of the values of the pair.
 
     The specimen's file has the limits of stiffness and damping over amplitude, and a factor for the stiffness over
     offset. The plan interpolates between the values of the file, but does not judge beyond them.

@@ -120,8 +120,8 @@ def leveling(
     bolster goes down by `step`, which opens the valve fully, and stays there until both springs have the pressure of
     the full car. Then it goes up by the same distance, until both springs have the pressure of the empty car again.
 
-    The delay is the time by which the air flow starts later than through a valve that opens at once. It is the time at
-    which the pressure line of the fully open valve, extended backward, meets the first pressure.
+    The delay is how much later the air flows than through a valve that opens immediately. It ends where the pressure
+    line of the fully open valve, extended backward, meets the initial pressure.
 
     A valve passes if each result is within the limits of the specimen's file, on each side. A valve fails if it does
     not open by the last step, or if the spring does not reach its pressure within the time.

@@ -65,7 +65,7 @@ def roll_coupling(
     load: Literal["AW0", "AW3"] = "AW0",
     roll: Annotated[float, Range(20 * mrad, 50 * mrad, "mrad")] = 40 * mrad,
 ) -> None:
-    """Roll and coupling: roll stiffness, and what a roll does sideways.
+    """Roll and coupling: roll stiffness, and the lateral force that a roll causes.
 
     The springs carry the `load` on their leveling valves at design height. Then all valves are shut, and the
     differential pressure valve is isolated. First the vertical actuators roll the bolster by ± 10 mrad in a sine of 0.3

@@ -113,7 +113,7 @@ def switch_off(run: Run) -> None:
     checks=(HOLDS, DISABLED, *SAFE, STAYS, steps.TIGHT, ACTS, EMPTY, IS_OFF),
 )
 def safety(run: Run) -> None:
-    """Safety: loss of command, of the settings' wire, of the supply, and the emergency stop; then power off.
+    """Safety: loss of set-points, of the PLC settings, of the air supply, and the emergency stop; then power off.
 
     Before each test, the springs are filled to the pressure of the empty car. The actuators hold the bolster at design
     height, because it must not be thrown up. Then four events follow:
@@ -132,7 +132,7 @@ def safety(run: Run) -> None:
     * It holds one second after the last message to the PLC.
     * Springs keep their air without a supply.
     * The emergency stop acts at once.
-    * Wherever the bench goes to its safe position, the springs are without pressure and the actuators are released
+    * Each time the bench goes to its safe position, the springs are without pressure and the actuators are released
       within 15 s, and the bolster rises by at most 8 mm.
     * At the end, the bench is off and without pressure.
 

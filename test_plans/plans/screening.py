@@ -85,13 +85,13 @@ STRETCHES: Final = (
 
 SCREENING: Final = Programme(
     "screening",
-    "Screening: everything a little, under both loads, to see what a model of the springs gets wrong.",
+    "Screening: small motions of many kinds under both loads, to find errors of a model of the springs.",
     (Part(AW0, STRETCHES), Part(AW3, STRETCHES)),
     """
     Under the empty and under the full car, with all valves shut and the differential pressure valve isolated, the bench
-    does three stretches of about a minute each. A stretch begins at another height, shear and roll; large cycles wipe
-    out what friction remembers; then follow slow triangles, sines from 0.25 to 8 Hz, a step that is held, lateral
-    and roll motion, each time of another size. One cycle is repeated five times: what differs there is noise.
+    makes three series of motions of about a minute each. A series begins at another height, shear and roll. Large
+    cycles remove the effect of earlier motion on the friction. Slow triangles, sines from 0.25 to 8 Hz, a step that is
+    held, lateral and roll motion follow, in other sizes each time. One cycle is repeated five times, to measure noise.
 
     Nothing is judged here: `astb diagnose` compares the record with the model.
     """,

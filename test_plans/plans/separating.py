@@ -138,7 +138,7 @@ _PROGRAMMES: Final = (
     ),
     _programme(
         "leveling_on",
-        "Slow motion on the leveling valves: their dead zone, their delay, or a leak.",
+        "Slow motion on the leveling valves: their dead band, their delay, or a leak.",
         "With the valves shut, their effect disappears and a leak remains.",
         (
             AW0,

@@ -135,8 +135,8 @@ def stochastic_crosswind(
 ) -> None:
     """Stochastic crosswind: the springs in a gusty wind while the platform runs a track.
 
-    The springs carry the load with shut valves at design height. The lateral actuator applies the share of one bogie of
-    a `wind` on a car at 100 km/h. The wind has von Kármán's spectrum and a turbulence of 15 % of the mean. The platform
+    The springs carry the load with shut valves at design height. The lateral actuator applies the force of a `wind` on
+    one bogie at 100 km/h. The wind has von Kármán's spectrum and a turbulence of 15 % of the mean. The platform
     follows the irregularity of the track, vertically and laterally, with the spectrum of ERRI B 176 between 0.2 and 5
     Hz. The vertical actuators hold the bolster in its place, as the inertia of a car does. The same number `draw` gives
     the same wind and track.

@@ -190,7 +190,7 @@ def track_record(
     """Track record: the springs on a track that a user measured, under a train of a given speed.
 
     The springs carry the load with shut valves at design height. The vertical actuators hold the bolster in its place,
-    as the inertia of a car does. The lateral actuator applies the share of one bogie of a steady `wind`, or releases
+    as the inertia of a car does. The lateral actuator applies the force of a steady `wind` on one bogie, or releases
     the bolster.
 
     The platform follows the record vertically, laterally and in roll, about its mean, from its beginning. A record over

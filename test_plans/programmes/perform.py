@@ -62,7 +62,7 @@ SAMPLES: Final = CheckName(
 )
 WENT: Final = CheckName(
     "{name}: way of the {what}",
-    "The share of the commanded motion that was made: a diagnosis cannot find anything in what did not move.",
+    "The share of the commanded motion that was made: a diagnosis needs motion.",
 )
 #: Actuators follow within a few per cent; frame and emergency springs yield by a little more.
 WAY: Final = Band(0.8, 1.2)

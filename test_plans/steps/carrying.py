@@ -185,7 +185,7 @@ def once_let_go(run: Run, change: Callable[[], None]) -> None:
             if bench.state not in bench.wiring.sequences.at_rest or bench.now >= deadline:
                 raise
             if not reported:
-                run.say(f"waiting until the springs are empty and the actuators have let go: {refused}")
+                run.say(f"waiting until the springs are empty and the actuators are released: {refused}")
             reported = True
         else:
             return

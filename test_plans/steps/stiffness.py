@@ -71,7 +71,7 @@ VERTICAL_DAMPING: Final = CheckName(
 )
 BALANCE: Final = CheckName(
     "actuators without inertia over load cells at {frequency:g} Hz",
-    "The same force measured in two ways: if they differ, no stiffness of this run can be trusted.",
+    "Ratio of two measurements of one force: if it is not near 1, no stiffness of this run can be trusted.",
 )
 LATERAL_SECANT: Final = CheckName(
     "lateral stiffness, slow",

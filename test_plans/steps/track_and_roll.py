@@ -61,8 +61,8 @@ ALIKE: Final = 0.01
 SPACING_WITHIN: Final = 0.04
 #: Smallest share of the gas in the stiffness, if no air flows between the springs.
 TIGHT_SHARE: Final = 0.5
-CONTRADICTED: Final = "the description contradicts the measurement"
-CHECK: Final = "astb rig check --allow-motion measures it"
+CONTRADICTED: Final = "a dimension of the rig contradicts the measurement"
+CHECK: Final = "Check it with `astb rig check --allow-motion`"
 PISTONS: Final = tuple(f"vertical_{side}.displacement" for side in SIDES)
 
 
@@ -169,9 +169,7 @@ def description_contradicted(
             for name, ratio in wrong.items()
         )
         named = "vertical actuators" if len(wrong) == len(of) else of[next(iter(wrong))]
-        return (
-            f"{CONTRADICTED}: {text}; the stated places of the {named}, or their scales, are wrong. {CHECK}"
-        )
+        return f"{CONTRADICTED}: {text}; the stated positions of the {named}, or their scales, are wrong. {CHECK}"
     return _spacing_contradicted(run, one, other, stiffness)
 
 
@@ -219,8 +217,8 @@ def _spacing_contradicted(
     if abs(found / stated.value - 1.0) <= SPACING_WITHIN or gas < TIGHT_SHARE:
         return ""
     return (
-        f"{CONTRADICTED}: spring_half_spacing is stated as {stated.value:.4g} m, and roll over vertical stiffness of "
-        f"springs that are good upright gives {found:.3g} m within {SPACING_WITHIN:.0%}. {CHECK}"
+        f"{CONTRADICTED}: spring_half_spacing is stated as {stated.value:.4g} m, but the roll stiffness over the "
+        f"vertical stiffness gives {found:.3g} m ± {100 * SPACING_WITHIN:.0f} %. {CHECK}, or search for a leak"
     )
 
 
