@@ -51,10 +51,10 @@ LEAST: Final = 2.0
 _KNOWN: Final = (BenchState.AIR_HIGH, BenchState.HOLD, BenchState.ACTIVE)
 
 #: Reasons why the model cannot be judged in a part of a run.
-AIR: Final = "the springs are being filled or vented, and the opening of the valves is not measured"
+AIR: Final = "air valves filled, vented or controlled the springs, and their opening is not measured"
 LOST: Final = "the motion was not received"
 LEVELING: Final = (
-    "a leveling valve was connected; its air flow is unknown, because it depends on 0.1 mm of its lever"
+    "a leveling valve was connected; its air flow is unknown, because 0.1 mm at its lever changes it"
 )
 STATE: Final = "the bench was not under pressure"
 MOVING: Final = "the bench was not at rest, so the initial state of the model is unknown"
