@@ -130,7 +130,10 @@ class Past(NamedTuple):
         """
         kept = self.record.path.parent
         found = deviating_signals(self.record, read(directory), self.at)
-        lines = [f"{one.signal} deviates from {one.since:.2f} s on, at most {one.words}" for one in found]
+        lines = [
+            f"{one.signal} deviates from {one.since:.2f} s on; largest deviation: {one.words}"
+            for one in found
+        ]
         lines += changed_checks(read_result(kept).checks, read_result(directory).checks)
         begin = f"  up to {self.at:g} s the run is identical with {kept}{AFTER_THAT}"
         return [begin, *(f"    {line}" for line in lines or ["no deviation from the original run"])]

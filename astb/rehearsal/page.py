@@ -80,7 +80,7 @@ def write_page(found: Rehearsal, directory: Path) -> Path:
         banner=Banner(word(found), sentence(found), ended if blocked else finished),
         facts=(
             ("duration", seconds(found.duration)),
-            ("air taken in (0 °C, 1013 mbar)", f"{fixed(found.air / litre, 0)}{THIN_SPACE}l"),
+            ("air consumption (0 °C, 1013 mbar)", f"{fixed(found.air / litre, 0)}{THIN_SPACE}l"),
             ("rig", found.rig),
             ("parameters of the simulation", found.model),
             *((name.replace("_", " "), text) for name, text in found.parameters.items()),

@@ -215,7 +215,7 @@ def _notes(rig: RigFile, model: str, limits: list[KnownLimit], absent: dict[str,
     if rig.simulation is not None:
         return []
     assumed = sum(one.source == "assumed" for one in limits)
-    notes = [f"{rig.name} is a real rig: a simulated rig with the parameters {model} is used instead"]
+    notes = [f"{rig.name} is a real rig; the rehearsal simulates it with the parameter set {model}"]
     if assumed:
         notes.append(
             f"{assumed} of {len(limits)} limits are assumed; state them under [[limits]] in the rig file"
