@@ -174,16 +174,17 @@ def _conclude(
                 twin.communicate()
                 why = f"did not end within {_PATIENCE:g} s" if late else f"made no progress for {_STILL:g} s"
                 warn(
-                    f"the twin (process {twin.pid}) {why} and was ended; repeat it with `astb watch {directory}`"
+                    f"the comparison with the model (process {twin.pid}) {why} and was ended; "
+                    f"repeat it with `astb watch {directory}`"
                 )
                 return
             if not reported and wall.now() > _QUIET * NS:
                 reported = True
-                warn(f"waiting for the last results of the twin, for {_PATIENCE:g} s at most")
+                warn(f"waiting at most {_PATIENCE:g} s for the last results of the comparison with the model")
     with suppress(RecordError):
         story = read_twin(directory)
         if story is not None:
             news.report(story, final=True)
             return
     text = output.strip().splitlines()[-1] if output.strip() else "without an error message"
-    warn(f"the twin failed: {text}; repeat it with `astb watch {directory}`")
+    warn(f"the comparison with the model failed: {text}; repeat it with `astb watch {directory}`")

@@ -46,7 +46,9 @@ if TYPE_CHECKING:
     "--records", type=click.Path(path_type=Path), help="Keep the records of all runs in this folder."
 )
 @click.option("--again", is_flag=True, help="Repeat failed cases.")
-@click.option("--list", "only_list", is_flag=True, help="List the cases and their cost without running them.")
+@click.option(
+    "--list", "only_list", is_flag=True, help="List the cases and their total time without running them."
+)
 def campaign_command(
     file: Path,
     out: Path | None,

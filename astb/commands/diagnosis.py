@@ -96,7 +96,7 @@ def diagnose_command(
 @click.option(
     "--seed",
     type=SEED,
-    help="Random seed of simulated sensors and diagnosis.  [default: from the rig file, and 1]",
+    help="Random seed of simulated sensors and diagnosis.  [default: from the rig file, 1 for the diagnosis]",
 )
 @effect_options
 @click.option("--budget", default="20 min", show_default=True, help="Maximum test time on the rig.")
@@ -146,7 +146,7 @@ def investigate_command(
     "--specimen",
     "specimen_name",
     metavar="SPECIMEN",
-    help="Specimen whose drawing replaces the values of --model.",
+    help="Specimen; its drawing values replace those of --model.",
 )
 @click.option(
     "--model",

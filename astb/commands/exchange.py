@@ -58,7 +58,7 @@ def export_command(directory: Path, target: Path, rate: float, names: tuple[str,
     "--table",
     multiple=True,
     metavar="KEY=VALUE",
-    help='Format of a table, where the file is not clear, such as "decimal=," and "time=t"; repeatable.',
+    help='Format of a table, if it is not detected, such as "decimal=," and "time=t"; repeatable.',
 )
 def import_command(
     source: Path,

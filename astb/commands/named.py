@@ -46,7 +46,7 @@ def _rigs() -> Mapping[str, Path]:
 
 def _rig(name: str) -> Listed:
     rig, path = read_rig(name)
-    kind = "simulated" if rig.simulation else "described by a wiring" if rig.wiring else "real"
+    kind = "simulated" if rig.simulation else "real, own wiring" if rig.wiring else "real"
     return Listed(
         f"{kind}, {rig.time} time: {rig.description}",
         {
@@ -70,7 +70,7 @@ def _specimen(name: str) -> Listed:
     loads = {load.name: load.preload for load in one.loads.values()}
     preloads = ", ".join(f"{load} {preload / kN:g} kN" for load, preload in loads.items())
     return Listed(
-        f"{one.type}, no. {one.serial_number}, drawing: {one.drawing}; {preloads}",
+        f"{one.type}, serial number {one.serial_number}, drawing: {one.drawing}; {preloads}",
         {**one.facts, "preload_N": loads},
     )
 
@@ -272,8 +272,8 @@ def copy_command(
         astb copy rig local my_rig
         astb run aw0 --rig my_rig
 
-    With --preload or --set, the limits of a specimen are derived again: the plans aw0 and aw3 run on the simulated rig
-    with the changed springs. Limits that no plan measures are left out and printed.
+    With --preload or --set, the limits of a specimen are derived again: plans run on the simulated rig with the changed
+    springs. Limits that no plan measures are left out and printed.
     """
     if kind == "effects":
         misuse("effects are not files and cannot be copied; use them with --effect NAME=VALUE")

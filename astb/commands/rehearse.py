@@ -98,7 +98,7 @@ def rehearse_command(
 
     \b
     Exit codes:
-      0  no limit trips; the checks do not count
+      0  no limit trips, even if checks fail
       2  wrong usage
       3  the plan is blocked for another reason than a limit
       5  a limit would trip; step, value and time are printed

@@ -60,7 +60,7 @@ _STYLE: Final = {
 @click.option(
     "--verify",
     is_flag=True,
-    help="Check all files against their checksums, and end with exit code 1 if a file has changed.",
+    help="Check all files against their checksums. Exit code 1: a file has changed, or a run has no checksums.",
 )
 @click.option(
     "--requirements",

@@ -40,7 +40,7 @@ _LOCAL: Final = "127.0.0.1"
     "--name",
     "names",
     multiple=True,
-    help="Additional host name of this machine; repeatable.",
+    help="Also accept this host name; repeatable.",
 )
 @click.option(
     "--seed",

@@ -36,7 +36,7 @@ def new_command(
 ) -> None:
     """Write a first wiring file from a DBC and a list of registers.
 
-    Signals that are clear from name and unit are filled in; possible signals are comments. Names do not show signs,
+    Signals that are clear from name and unit are filled in; other candidates are comments. Names do not show signs,
     offsets and states: read each line, then run `astb rig check`.
     """
     from astb.acceptance.skeleton.writing import skeleton
