@@ -63,8 +63,8 @@ def envelope(times: Numbers, values: Numbers, bins: int = BINS) -> tuple[Numbers
     """Reduce a series to the minimum and the maximum in each of ``bins`` intervals of time. Return times and values.
 
     All peaks remain, and no value is interpolated. A series that is short enough keeps all its samples. Long gaps
-    between samples get a NaN, which interrupts the line. NaN values interrupt it only if an interval has no number at
-    all.
+    between samples get a NaN, which interrupts the line. In a reduced series, NaN values interrupt the line only if an
+    interval has no number at all.
     """
     if times.size > 2 * bins:
         width = (times[-1] - times[0]) / bins
@@ -204,7 +204,9 @@ def _error_bars(paper: Sheet, trace: Trace) -> None:
 
 
 def is_over_decades(curves: Sequence[Curve]) -> bool:
-    """Return whether the points are at different frequencies, so that a logarithmic scale is used."""
+    """Return whether the points are frequencies that differ by more than a factor of 2, so that a logarithmic scale is
+    used.
+    """
     places = [n for one in curves for n in one.xs if n is not None]
     return curves[0].x.unit == "Hz" and bool(places) and min(places) > 0.0 and max(places) > 2.0 * min(places)
 
