@@ -125,7 +125,9 @@ def with_effects(parameters: Set, effects: Effects) -> Set:
 
 
 def apply_effects(record: Any, entries: Mapping[str, Entry], effects: Effects) -> None:
-    """Apply ``effects`` to the parameter record in place. Raises `ParameterError` if a parameter leaves its range."""
+    """Apply ``effects`` to the parameter record in place. Raises `ParameterError` if a parameter leaves its range, or
+    if no element is free for an additional branch or friction element.
+    """
     for name, values in effects.items():
         effect, place = find_effect(name)
         try:

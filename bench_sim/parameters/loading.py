@@ -48,7 +48,8 @@ def read_toml(
     what: str = "parameter set",
     folder: Path = Path(__file__).parent,
 ) -> tuple[Path, dict[str, Any]]:
-    """Return path and content of a TOML file. A name in ``sets`` means a file in ``folder``.
+    """Return path and content of a TOML file. With ``sets``, a name that does not end in ``.toml`` means a file in
+    ``folder``; ``sets`` and ``what`` are for the error message.
 
     Raises `ParameterError` if the file cannot be read.
     """

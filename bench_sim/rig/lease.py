@@ -98,7 +98,8 @@ class Lease:
     def word_for(self, peer: str) -> int:
         """Return the content of the lease register for the Modbus connection ``peer``.
 
-        It is the token for the holder, 0 without a holder, and a different key for each other connection.
+        It is the token for the holder (and for its former connection, which may join again), 0 without a holder, and a
+        different key for each other connection.
         """
         if self.token == 0:
             return 0
