@@ -69,11 +69,11 @@ def frames_form(path: Path, dbc: bool) -> FileForm | None:
 
 
 def read_log(path: Path, account: Account, stamps: Stamps | None = None) -> Frames:
-    """Return the data frames of a log, in order of time; all others are counted in ``account``.
+    """Return the data frames of a log, in order of time; other entries are counted in ``account``.
 
     ``stamps`` gives the meaning of the stamps of a candump, if the file does not state it. Raises CanLogError for
-    another format, for a log without a frame, and for time stamps that decrease by more than 10 ms or jump by more than
-    a day.
+    another format, for a log without a frame, and for time stamps that jump by more than a day, or decrease by more
+    than 10 ms or between frames of one identifier.
     """
     form = form_of(path, FORMS)
     if form is None or form.read is None:

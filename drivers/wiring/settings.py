@@ -44,8 +44,8 @@ class PointSettings:
         return one.conversion.si(numbers[one.read]) if one.read else self._known[name]
 
     def write(self, values: Mapping[str, float], clock: Clock | None) -> None:
-        """Write ``values`` (SI) and wait for confirmation. Without confirmation, restore the old values and raise
-        Refused.
+        """Write ``values`` (SI) and wait for confirmation. Raises Refused without confirmation. After any error, the
+        old values are written again, as far as they are known.
         """
         numbers = {name: self._number(name, value) for name, value in values.items()}
         written = {name: number for name, number in numbers.items() if number is not None}
@@ -64,7 +64,9 @@ class PointSettings:
         self._known.update({name: values[name] for name in written})
 
     def _number(self, name: str, value: float) -> float | None:
-        """Return the rig's number for ``value`` (SI) of a setting; None if the setting is fixed to this value."""
+        """Return the rig's number for ``value`` (SI) of a setting; None if the setting is fixed to this value. Raises
+        NotAvailable for a value that the rig cannot have.
+        """
         setting, signal = self._settings[name], self._table[name]
         if setting.fixed is not None:
             if abs(value - setting.fixed) > 0.5 * signal.step:

@@ -258,7 +258,9 @@ class CanTransport(Transport):
     # -- the connection ------------------------------------------------------------------------------------------
 
     def connect(self, clock: Clock, lost: OnLost, *, within: float) -> None:
-        """Join the bus and wait for the rig's first message. Raises LinkLost if none arrives ``within`` s."""
+        """Join the bus and wait for the rig's first message, unless the rig sends nothing by itself (``answers =
+        false``). Raises LinkLost if none arrives ``within`` s.
+        """
         self._clock, self._grant = clock, Grant()
         self._stamps = None if isinstance(clock, VirtualClock) else StampClock()
         self._latest, self._times = {}, {}
