@@ -472,7 +472,7 @@ class _Maker:
                 raise DiagnosisError(f"{where}: {name} has no column; use one of {', '.join(signals)}")
         if len(keys.over) != 2 or keys.knots < 3:
             raise DiagnosisError(
-                f"{where}: over {', '.join(keys.over)} with {keys.knots} knots; use two signals and at least 3 knots"
+                f"{where}: over = {', '.join(keys.over)}, knots = {keys.knots}; use two signals and at least 3 knots"
             )
         axes = []
         for name, ends in keys.over.items():
