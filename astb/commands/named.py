@@ -78,7 +78,7 @@ def _specimen(name: str) -> Listed:
 def _instruments(name: str) -> Listed:
     one = _read_instruments(name)
     types = sorted({piece.instrument.type for piece in one.pieces.values()})
-    return Listed(f"{len(one.pieces)} readings: {'; '.join(types)}", {**one.facts})
+    return Listed(f"{len(one.pieces)} readings: {'; '.join(types) or 'none'}", {**one.facts})
 
 
 def _read_instruments(name: str) -> "Instruments":
