@@ -83,7 +83,7 @@ def _before_the_trip(incident: Incident, first: str) -> list[str]:
                 (
                     np.inf,
                     signal.name,
-                    f"{named(signal.name)} had said exactly {_value_as_text(signal, past[-1])} for {since}",
+                    f"{named(signal.name)} was stuck at {_value_as_text(signal, past[-1])} for {since}",
                 )
             )
             continue
@@ -108,7 +108,7 @@ def _course(signal: Signal, past: npt.NDArray[np.int16], start: float, end: floa
     there = (past.size - 1 - np.flatnonzero(away)[-1]) / FAST_RATE if away.any() else 0.0
     if there >= 0.5:
         level = f"{_value_as_text(signal, end)} for {there:.1f} s"
-        return f"{named(signal.name)} had been at {level} (from {_value_as_text(signal, start)})"
+        return f"{named(signal.name)} was {level} (before: {_value_as_text(signal, start)})"
     return f"{named(signal.name)} went from {_value_as_text(signal, start)} to {_value_as_text(signal, end)} in {since}"
 
 
@@ -129,7 +129,7 @@ def _after_the_trip(incident: Incident) -> list[str]:
             f"{named(name)} {_value_as_text(TABLE[name], incident.samples[incident.channels.index(name)][-1])}"
             for name in ("left.bellows_pressure", "right.bellows_pressure", "left.height", "right.height")
         ]
-        lines.append(f"{seconds:.0f} s later the bench is {STATES[int(states[-1])]}, {', '.join(ends)}")
+        lines.append(f"state {STATES[int(states[-1])]} {seconds:.0f} s after the trip, {', '.join(ends)}")
     return lines
 
 

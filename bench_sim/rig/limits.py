@@ -58,13 +58,13 @@ class Limit:
             signal.show(judged),
         )
         lasting = f" for {self.persistence / ms:g} ms" if self.persistence else ""
-        lasting += f", looking {self.lead / ms:g} ms ahead" if self.lead else ""
+        lasting += f", predicted {self.lead / ms:g} ms ahead" if self.lead else ""
         what = {
             LimitKind.LOWER: f"below {at}{lasting}, at {was}",
             LimitKind.UPPER: f"above {at}{lasting}, at {was}",
             LimitKind.ERROR: f"more than {at} from its set-point{lasting}, by {was}",
             LimitKind.RATE: f"faster than {at}/s{lasting}, with {was}/s",
-            LimitKind.TIMEOUT: f"without a reading, or not arrived, for {judged:g} s",
+            LimitKind.TIMEOUT: f"without a valid reading for {judged:g} s",
             LimitKind.COUNT: f"over {signal.show(self.level)} for the {judged:g}th time",
         }[self.kind]
         return f"{name} {what} → {self.action.name.lower().replace('_', ' ')}"
@@ -158,7 +158,7 @@ def detectors(table: Table, limits: tuple[Limit, ...]) -> npt.NDArray[np.void]:
         target, mode = _aim(limit.signal)
         if target < 0 and (limit.kind is LimitKind.ERROR or limit.within):
             raise ValueError(
-                f"a limit of {limit.signal}: this reading has no set-point; use another kind of limit, without within"
+                f"a limit of {limit.signal}: this reading has no set-point; use another kind of limit, and remove within"
             )
         row["signal"], row["kind"] = table.index[limit.signal], limit.kind
         row["sense"] = -1.0 if limit.kind is LimitKind.LOWER else 1.0

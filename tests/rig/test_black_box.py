@@ -80,12 +80,12 @@ def test_the_story_says_what_tripped_what_had_gone_before_and_how_it_ended(armed
     armed.wait(10_000)
     lines = incident_of(port).story.splitlines()
     assert lines[0].startswith("00:00:1")
-    assert "left height above 90 mm for 20 ms, looking 30 ms ahead, at 9" in lines[0]
+    assert "left height above 90 mm for 20 ms, predicted 30 ms ahead, at 9" in lines[0]
     assert lines[0].endswith("→ interlock")
     assert lines[1].startswith("  before: left height went from -5"), lines[1]
     assert any("bellows pressure went from" in line for line in lines)
     assert any(line.endswith("tripped: ACTIVE → FAULT_REACTION") for line in lines)
-    assert lines[-1].startswith("  after: 10 s later the bench is FAULT_DISABLED")
+    assert lines[-1].startswith("  after: state FAULT_DISABLED 10 s after the trip")
 
 
 def test_the_first_incident_stays_until_a_reset_and_the_next_takes_its_place(armed, port) -> None:
