@@ -158,7 +158,7 @@ def detectors(table: Table, limits: tuple[Limit, ...]) -> npt.NDArray[np.void]:
         target, mode = _aim(limit.signal)
         if target < 0 and (limit.kind is LimitKind.ERROR or limit.within):
             raise ValueError(
-                f"a limit of {limit.signal}: this reading has no set-point; use another kind of limit, and remove within"
+                f"a limit of {limit.signal}: this reading has no set-point; use another kind, and remove within"
             )
         row["signal"], row["kind"] = table.index[limit.signal], limit.kind
         row["sense"] = -1.0 if limit.kind is LimitKind.LOWER else 1.0
