@@ -286,9 +286,14 @@ def _jumps(values: Numbers, times: Numbers) -> Mask:
             places.setdefault(float(levels[k + 1]), []).append(int(k) + 1)
     for level, runs in places.items():
         at = np.flatnonzero(levels == level)
-        if lengths[at].sum() < 2 and not heights[runs[0] - 1] > JUMP_ONCE * usual:
+        # A value that is reached and left without a jump as often is a measurement there.
+        smooth = sum(
+            0 < run < len(steps) and abs(steps[run - 1 : run + 1]).max() <= JUMP * usual for run in at
+        )
+        codes = at if len(runs) > smooth else np.array(runs)
+        if lengths[codes].sum() < 2 and not heights[runs[0] - 1] > JUMP_ONCE * usual:
             continue
-        for run in at if 2 * len(runs) >= len(at) else runs:
+        for run in codes:
             mask[starts[run] : starts[run] + lengths[run]] = True
     return mask
 

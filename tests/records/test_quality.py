@@ -149,3 +149,13 @@ def test_a_peak_before_a_gap_in_time_is_no_code() -> None:
     values = PUSH + np.where(TIME < 3.0, 5.0 * np.maximum(TIME - 2.9, 0.0) / 0.01, 0.0)
     series = {"force": Series("force", times, values), "way": Series("way", times, WAY)}
     assert not examine("a.csv", series, {})[1]
+
+
+@given(st.integers(20, 1900), st.sampled_from((13.0, 18.0, 22.0)))
+def test_one_peak_is_no_code_because_another_sample_has_the_same_value(at: int, height: float) -> None:
+    """A single peak below 25 usual steps is a shock, also if the rounded reading passes the same value smoothly."""
+    ramp = np.round(5.0 * WAY, 1)  # 0.5 a sample
+    values = ramp.copy()
+    values[at] = np.round(values[at] + height * 0.5, 1)
+    _, checks = found({"force": values, "way": WAY})
+    assert "undeclared code" not in checks
