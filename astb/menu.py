@@ -97,7 +97,7 @@ def planned(
 def _band_limited(asked: Array) -> Array:
     """Return set-points (n,) without components above `BANDWIDTH`, which rounds their corners.
 
-    An actuator cannot make a sharp corner, and a record is smoothed.
+    An actuator cannot follow a sharp corner, and the diagnosis smooths the recorded motion.
     """
     from scipy.signal import butter, sosfiltfilt
 

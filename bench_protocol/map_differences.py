@@ -24,12 +24,12 @@ Places = Mapping[str, str]
 
 @dataclass(frozen=True, slots=True)
 class Differences:
-    """Differences of the rig's map from our table, as text by signal."""
+    """Differences of the rig's map from the ASTB table of signals, as text by signal."""
 
     missing: Mapping[str, str]  #: the rig has no such signal
     moved: Mapping[str, str]
     recoded: Mapping[str, str]  #: at the same places in another scale, size, choice or message
-    new: tuple[str, ...]  #: signals of the rig that our table does not know
+    new: tuple[str, ...]  #: signals of the rig that the ASTB table does not have
     refused: tuple[str, ...]  #: why a bench must not go on with this rig; empty if it may
 
     @property
@@ -141,7 +141,7 @@ def _added(here: Places, there: Places) -> dict[str, str]:
 
 
 def _carried_unasked(table: Table, theirs: Mapping[str, Places], kinds: Mapping[str, Kind]) -> list[str]:
-    """Return fields that the rig reads in our messages although our table does not have them."""
+    """Return fields that the rig reads in the ASTB messages although the ASTB table does not have them."""
     sent = {f"can {message.identifier:#05x} " for message in table.messages if not message.from_rig}
     return [
         f"{name} is read by the rig from a frame that these drivers send, in {place}"

@@ -4,14 +4,16 @@ Input registers carry the readings twice, as floats and as scaled twins, in bloc
 number of a reading selects its float (:attr:`Signal.address`), its scaled twin, and the discrete input with its quality
 (available or not)::
 
-    number      0     1     2   ...  end             62     63   ...  end
-    float      100   102   104  ...  sequence       1100   1102  ...  sequence
-    scaled     300   301   302  ...  sequence       1300   1301  ...  sequence
-    quality    100   101   102  ...                  162    163  ...
+    number           0    1    2  ...  end             62    63  ...  end
+    float     99*  100  102  104  ...   *    1099*   1100  1102  ...   *
+    scaled   299*  300  301  302  ...   *    1299*   1300  1301  ...   *
+    quality        100  101  102  ...                 162   163  ...
 
-Each block lies between two copies of the sequence number of the sampling instant. A block without readings does not
-exist. Registers never move. A new reading gets the number after the old end of the block. The old sequence number
-remains in its place, so a number without a reading is a former end of the block (`free_address`).
+``*`` is the sequence number of the sampling instant. It is in the register before the first reading of a block and in
+the register after the last one. The quality has no sequence number. A block without readings does not exist.
+
+Registers never move. A new reading gets the number after the end of the block, and the new end follows it. The register
+of the former end keeps the sequence number. So each number without a reading is a former end (`free_address`).
 
 The holding register of a setting has its staged value. The input register with an address larger by `ACTIVE_BLOCK` has
 the active value.

@@ -254,7 +254,7 @@ def beacon_bytes(name: str, host: str, port: int, buses: tuple[str, ...], descri
 
 
 def _packed(block: Block) -> bytes:
-    """Return the bytes of the records. Raises TypeError if the array has no frames."""
+    """Return the bytes of the records. Raises TypeError if its elements are not of type `FRAME`."""
     if block.dtype != FRAME:
         raise TypeError(f"block = array of {block.dtype} is not a frame block (bench_protocol.frames.FRAME)")
     return block.tobytes()

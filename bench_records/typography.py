@@ -44,7 +44,9 @@ def fixed(value: float, decimals: int) -> str:
 
 
 def aligned(text: str, most: int) -> str:
-    """Return the text with spaces at its end. In a right-aligned column the decimal points are then aligned."""
+    """Return the number ``text`` with spaces at its end, as wide as with ``most`` decimals. In a right-aligned column
+    the decimal points are then aligned.
+    """
     _, point, fraction = text.partition(".")
     return text + ("" if point or not most else PUNCTUATION_SPACE) + FIGURE_SPACE * (most - len(fraction))
 
@@ -63,7 +65,7 @@ def scientific(value: float, decimals: int) -> str:
 
 
 def plain(value: Any) -> str:
-    """Return a value of the meta data as text. Numbers have six digits, and lists have commas."""
+    """Return a value of the meta data as text. Floats have six significant digits; commas separate list elements."""
     if isinstance(value, float):
         return f"{value:.6g}".replace("-", MINUS)
     if isinstance(value, list):

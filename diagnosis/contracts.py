@@ -240,7 +240,8 @@ Effects = Mapping[str, Mapping[str, float]]
 
 
 class Simulator(Protocol):
-    """A model that simulates experiments: deterministic, with fixed steps, without input, output or side effects.
+    """A model that simulates experiments in fixed time steps. Equal arguments give equal results. It reads and writes
+    no files and has no other side effects.
 
     ``run`` returns the outputs (n, c) in the order of ``channels``. ``parameters`` holds nuisances by name; a missing
     one has its nominal value. Several threads may call ``run`` at once.

@@ -52,10 +52,11 @@ class Cause(msgspec.Struct, frozen=True, kw_only=True):
     """A named effect that explains an error of the base model.
 
     ``strength`` is λ, the norm of its footprint in standard deviations of the noise after a refit of the base model.
-    ``score`` is z. ``bic_gain`` (fit runs) and ``lpd_gain`` (log predictive density of the select runs) state how much
-    the effect improves the model. ``gained`` is the part of the explainable squared error that it removes on unseen
-    runs, over all channels. If there are ``laws``, only the ``phenomenon`` is certain; the cause is then its simplest
-    sufficient law. ``status`` is *named*, or *suspected* if it does not improve the prediction of any unseen run.
+    ``score`` is z. ``bic_gain`` (fit runs) and ``lpd_gain`` (log predictive density of the validation runs) state how
+    much the effect improves the model. ``gained`` is the part of the explainable squared error that it removes on
+    unseen runs, over all channels. If there are ``laws``, only the ``phenomenon`` is certain; the cause is then its
+    simplest sufficient law. ``status`` is *named*, or *suspected* if it does not improve the prediction of any unseen
+    run.
     """
 
     effect: str
@@ -123,7 +124,7 @@ class Score(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Gain(msgspec.Struct, frozen=True, kw_only=True):
-    """The improvement by the extended model in one channel on the report runs, without another fit. ``channel`` may be
+    """The improvement by the extended model in one channel on the test runs, without another fit. ``channel`` may be
     "all".
 
     ``floor`` is the RMS of the noise alone, ``noise_ratio`` the RMSE after over the floor. ``fraction`` is the removed
@@ -175,7 +176,7 @@ class CheckPrediction(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Coverage(msgspec.Struct, frozen=True, kw_only=True):
-    """The share of samples of the report runs whose error is within the noise band of a nominal ``level``, before and
+    """The share of samples of the test runs whose error is within the noise band of a nominal ``level``, before and
     after.
     """
 
@@ -185,7 +186,7 @@ class Coverage(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Trace(msgspec.Struct, frozen=True, kw_only=True):
-    """Measured values, and the values predicted before and after, in one channel of a report run.
+    """Measured values, and the values predicted before and after, in one channel of a test run.
 
     ``times`` to ``after`` show in detail the part of the run with the largest errors before. ``error_times`` to
     ``error_after`` show the extremes of the error over the whole run.
@@ -364,7 +365,7 @@ class Unknown(msgspec.Struct, frozen=True, kw_only=True):
     """A term without a name, fitted as a surface because no named effect explains the residual.
 
     It is no cause, and is valid only inside the range that the runs covered. ``kept`` is True if it improves the
-    prediction of the select runs.
+    prediction of the validation runs.
     """
 
     surface: str

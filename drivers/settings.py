@@ -113,11 +113,13 @@ class Settings:
             clock.sleep_until(clock.now() + round(self._wiring.capabilities.latency * NS))
 
     def contact(self, name: str) -> bool:
-        """Return whether the description of an interlock applies."""
+        """Return the state of an interlock. True means what its description in the table of signals states, such as
+        "The hard-wired emergency stop is pressed".
+        """
         return self.reading(name) == 1
 
     def contacts(self) -> dict[str, bool]:
-        """Return for each interlock of the rig, by name, whether its description applies."""
+        """Return the states of all interlocks of the rig (see `contact`) by name."""
         contacts = self._read(self._present(Kind.INTERLOCK))
         return {name: on == 1 for name, on in contacts.items()}
 

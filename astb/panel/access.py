@@ -222,7 +222,7 @@ class Access:
             )
 
     def require_seat(self, connection: HTTPConnection) -> None:
-        """Raise NotAllowed for a client without the token, or if another page has the seat.
+        """Raise NotAllowed for a client without the token, or if another page has the seat (the right to command).
 
         A free seat goes to this page.
         """

@@ -206,7 +206,7 @@ class Gate:
 
 
 class Requests(H11Protocol):
-    """A connection with HTTP requests in uvicorn. A stranger has a short time limit for each request."""
+    """A connection with HTTP requests in uvicorn. Without the token, the time for each request is short."""
 
     def __init__(self, *args: Any, rooms: Rooms, **more: Any) -> None:
         super().__init__(*args, **more)

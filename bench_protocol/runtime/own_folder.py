@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def own_folder() -> Path:
-    """Return the path of this folder, which may not exist yet; `own_directory` creates it."""
+    """Return the path of the folder that only this user can access. `own_directory` creates it if it is missing."""
     if own := os.environ.get("XDG_RUNTIME_DIR"):
         return Path(own) / "astb"
     # On systems without user numbers, the folder for temporary files belongs to this user alone.

@@ -36,7 +36,7 @@ class Ring(NamedTuple):
 
 
 def _entry(function: Callable[..., Any]) -> Any:
-    """Compile ``function`` to be called from Python; it keeps the interpreter as long as it does not wait."""
+    """Compile ``function`` to be called from Python. It releases the interpreter only while it waits for the mutex."""
     return cached(function)
 
 

@@ -3,7 +3,8 @@
 The six states of the bolster are those of the car body. The states of the platform are those of the bogie, which
 follows the track. Gas, orifices, valves, rubber and springs are those of the bench (`air_spring`). The centre of
 gravity is e above the top plates. Damper and bump stop act e_d and e_s below it, and the wind acts h_w above it.
-Displacements are relative to the bogie at these points:
+The forces of springs, damper and bump stop depend on the displacements of these points relative to the bogie. The
+equations of motion of the car body are:
 
     m ÿ = ½F_w + ΣF_y + F_d + F_bs
     m z̈ = ΣF_z − m g

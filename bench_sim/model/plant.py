@@ -33,7 +33,7 @@ STEP = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """Copies of all variables of a plant. They can be restored in any plant with the same arrays."""
+    """Copies of all variables of a plant. They can also be restored in another plant."""
 
     state: NDArray[np.float64]
     inputs: NDArray[np.float64]

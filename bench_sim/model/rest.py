@@ -58,7 +58,9 @@ def relax_rubber(x: Any, mem: Any, side: int, z: float, y: float) -> None:
 
 @compiled
 def hold_back(x: Any, side: int, behind: Any) -> None:
-    """Subtract ``behind`` (EXTRA_BRANCHES, EXTRA_DASHPOTS) in m from the extra dash-pots of one relaxed bellows."""
+    """Subtract ``behind`` (EXTRA_BRANCHES, EXTRA_DASHPOTS), in m, from the positions of the extra dash-pots of one
+    spring. Call it after `relax_rubber`.
+    """
     for j in range(EXTRA_BRANCHES):
         x[State.EXTRA_VERTICAL_DASHPOT + EXTRA_DASHPOTS * j + side] -= behind[j, side]
         x[State.EXTRA_LATERAL_DASHPOT + EXTRA_DASHPOTS * j + side] -= behind[j, SIDES + side]

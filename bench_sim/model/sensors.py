@@ -245,7 +245,7 @@ def deliver(mem: Any, par: Any, values: Any) -> None:
 
 @compiled
 def read_exactly(mem: Any, par: Any, values: Any, readings: Any) -> None:
-    """Write readings like `read_sensors`, but without noise and quantisation. ``values`` are changed."""
+    """Write readings like `read_sensors`, but without noise and quantisation. ``values`` is overwritten."""
     deliver(mem, par, values)
     express(mem, par, values, readings)
 
@@ -285,7 +285,9 @@ def one_reading(mem: Any, par: Any, values: Any, counter: int, k: int) -> float:
 
 @compiled_once
 def read_sensors(mem: Any, par: Any, values: Any, counter: int, readings: Any) -> None:
-    """Write the readings of one instant from its true values, which are changed. ``counter`` determines the noise."""
+    """Write the readings of one instant, from its true ``values``. ``values`` is overwritten. ``counter`` determines
+    the noise.
+    """
     deliver(mem, par, values)
     for k in range(SENSORS):
         readings[k] = one_reading(mem, par, values, counter, k)

@@ -93,7 +93,7 @@ class Parameters:
         return self.with_values(sensor_bias=np.where(bias == 0.0, draw, bias))
 
     def digest(self) -> str:
-        """Return the SHA-256 of all values of the record as text. Measurement records state it."""
+        """Return the SHA-256 of all parameter values, in hexadecimal. Records of runs contain it."""
         return hashlib.sha256(np.asarray(self.record).tobytes()).hexdigest()
 
 

@@ -207,7 +207,7 @@ def _rows(value: Any) -> str:
 
 
 def _written(name: str, value: Any, digits: int | None) -> Any:
-    """Return the numbers of a change as texts with units. All elements have the same unit, but sensors each have
+    """Return the numbers of a changed value as texts with units. All elements have the same unit, but sensors each have
     their own.
     """
     largest = 0.0 if name in _BY_SENSOR else float(np.abs(value).max())
@@ -219,7 +219,9 @@ def _written(name: str, value: Any, digits: int | None) -> Any:
 
 
 def _map_numbers(name: str, value: Any, change: Callable[[Any, str, str], Any]) -> Any:
-    """Return a change with every number replaced by ``change(number, name for messages, SI unit)``."""
+    """Return ``value``, the changed value of parameter ``name``, with every number replaced by ``change(number, name
+    for messages, SI unit)``.
+    """
     if name not in _BY_SENSOR:
         return _nested(value, lambda element: change(element, name, _UNITS[name]))
     units = sensor_units(_BY_SENSOR[name])

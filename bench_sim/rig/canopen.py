@@ -1,9 +1,9 @@
 """CANopen node of the rig, independent of the bus: boot-up, NMT, heartbeats, SYNC, and an SDO server for its objects.
 
 NMT and SDO frames carry no token. While the lease has a holder, NMT commands are refused and counted. SDO writes are
-refused too, unless the holder has written the token before. Without a holder, NMT and SDO change only the
-communication of the node, never the motion of the bench. When the holder changes, the node returns to its state after
-booting.
+refused too. The only exception: if the holder writes the token to object 2001h, the next SDO write of its connection is
+accepted. Without a holder, NMT and SDO change only the communication of the node, never the motion of the bench. When
+the holder changes, the node returns to its state after booting.
 """
 
 from collections.abc import Callable, Sequence

@@ -37,8 +37,8 @@ def coil_actions(
 
 
 def contacts(supervisor: Supervisor, staged: Callable[[], bool]) -> Mapping[str, Callable[[], bool]]:
-    """Return for each interlock a function that returns whether its description in the table of signals applies, such
-    as "the emergency stop is pressed" or "valid commands arrive in time".
+    """Return for each interlock a function that returns its state. True means what its description in the table of
+    signals states, such as "The hard-wired emergency stop is pressed" or "Valid commands arrive in time".
 
     ``staged`` returns whether settings are staged.
     """

@@ -205,7 +205,7 @@ def _may_prove(c: Any, sender: int, token: int) -> bool:
     """Return whether ``token`` makes ``sender`` the commander. A wrong token is counted for this sender. After
     ``TRIES_MAX`` wrong tokens, no token of this sender is accepted.
 
-    If frames have no sender, wrong tokens are not counted, because they cannot be distinguished from other commands.
+    If frames have no sender (0), wrong tokens are not counted, because it is unknown which client sent them.
     """
     if sender == 0:
         return bool(token == c.token)

@@ -40,7 +40,7 @@ class FunctionGenerator:
         return self._controls["program"] in (Program.RUN, Program.HOLD)
 
     def add(self) -> bool:
-        """Add the wave of the settings to the next program. Return whether that is possible."""
+        """Add the wave that the settings describe to the next program, if possible. Return whether it was added."""
         waves = [*self._added, self._set_wave()]
         if self.busy or len(waves) > WAVES_AT_ONCE or self._amplitudes(waves) is None:
             return False
@@ -52,8 +52,8 @@ class FunctionGenerator:
         self._added = []
 
     def run(self) -> bool:
-        """Start the added waves, or the wave of the settings if none was added, or resume a held program. Return
-        whether that is possible.
+        """Start the added waves, or the wave of the settings if none was added, or resume a held program, if possible.
+        Return whether the program was started or resumed.
         """
         c = self._controls
         if c["program"] == Program.RUN:
@@ -78,8 +78,8 @@ class FunctionGenerator:
         return True
 
     def ride(self) -> bool:
-        """Start the ride of the car in the settings. Return whether that is possible; all actuators must be in
-        displacement control.
+        """Start the ride of the car that the settings describe, if possible: all actuators must be in displacement
+        control. Return whether it was started.
         """
         c = self._controls
         if self.busy or self._added or (c["control"] != _DISPLACEMENT).any():

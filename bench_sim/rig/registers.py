@@ -55,7 +55,9 @@ class Host(Protocol):
         """Apply all settings at once. Return whether the bench accepted them."""
 
     def contact(self, name: str) -> bool:
-        """Return whether the description of an interlock applies."""
+        """Return the state of an interlock. True means what its description in the table of signals states, such as
+        "The hard-wired emergency stop is pressed".
+        """
 
     def read_file(self, number: int) -> Sequence[int]:
         """Return the registers of a file. The result is empty if there is no such file."""

@@ -430,7 +430,9 @@ class Rig:
         return self._detectors
 
     def contact(self, name: str) -> bool:
-        """Return whether the description of an interlock applies."""
+        """Return the state of an interlock. True means what its description in the table of signals states, such as
+        "The hard-wired emergency stop is pressed".
+        """
         return self._contacts[name]()
 
     def read_file(self, number: int) -> Sequence[int]:

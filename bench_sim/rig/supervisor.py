@@ -123,7 +123,7 @@ class Supervisor:
             self.handle(Event.PAUSE)
 
     def run_program(self) -> bool:
-        """Start or resume the program of the generator. Return whether that is possible now."""
+        """Start or resume the program of the generator, if possible. Return whether this happened."""
         if self.state is not BenchState.ACTIVE or not self._in_force.generator.run():
             return False
         if self._in_force.generator.moves_actuators:
@@ -131,14 +131,14 @@ class Supervisor:
         return True
 
     def run_car(self) -> bool:
-        """Start the ride of the car in the settings. Return whether that is possible now."""
+        """Start the ride of the car that the settings describe, if possible. Return whether it was started."""
         if self.state is not BenchState.ACTIVE or not self._in_force.generator.ride():
             return False
         self.engage()
         return True
 
     def add_to_program(self) -> bool:
-        """Add the wave of the settings to the next program. Return whether that is possible now."""
+        """Add the wave that the settings describe to the next program, if possible. Return whether it was added."""
         return self.state is BenchState.ACTIVE and self._in_force.generator.add()
 
     def applied(self, *, steered: bool) -> None:

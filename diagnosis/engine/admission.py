@@ -10,8 +10,8 @@ The trials are sorted by BIC, and the first one that passes all gates is chosen.
 
 A further cause may be much smaller than the accepted causes, and no larger than the error of their equations. It enters
 if the model is sufficient with it and insufficient without it: no other score exceeds the threshold, no surface test
-rejects the model, and the select runs are predicted clearly better. An inexact equation cannot cause this, because no
-single candidate explains all of its residual.
+rejects the model, and the validation runs are predicted clearly better. An inexact equation cannot cause this, because
+no single candidate explains all of its residual.
 
 If nothing enters and the residual is far above the noise, two causes may be missing. A fit with only one of them moves
 the base parameters far from their priors: a lag seems to need a wrong mass because the rubber is missing too. A large
@@ -74,7 +74,7 @@ def _richer_instead(problem: Problem, state: SearchState, chosen: Trial) -> list
             start = current.model.point.replaced(old, problem.hypotheses[name], state.last_fit[name])
             single = fit_physical(problem, name, start, current)
             by_bic = chosen.bic < single.bic - config.ambiguous
-            by_lpd = not chosen.lpd <= single.lpd + config.lpd_loss  # so is NaN, of no select runs
+            by_lpd = not chosen.lpd <= single.lpd + config.lpd_loss  # also for NaN: no validation runs
             if not (single.failed or (by_bic and by_lpd)):
                 singles.append(single)
     return singles

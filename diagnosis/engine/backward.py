@@ -4,9 +4,9 @@ Theory of operation
 -------------------
 Effects enter one after the other. Each was tested together with the effects before it. A later effect can make an
 earlier one superfluous, or push it out of its range. So the model is fitted once without each effect, and each effect
-must pass the gates again together with *all* others: BIC, range and priors, the select runs, the explained part of the
-error (`gates.py`). Roughness is not tested, because it depends on the order of entering. Of the effects that fail, the
-one with the smallest loss of BIC is examined. It may be correct, and another effect wrong: for example, a friction
+must pass the gates again together with *all* others: BIC, range and priors, the validation runs, the explained part of
+the error (`gates.py`). Roughness is not tested, because it depends on the order of entering. Of the effects that fail,
+the one with the smallest loss of BIC is examined. It may be correct, and another effect wrong: for example, a friction
 becomes negative because a wrong damping has replaced it. So if it passes without a weaker effect, the weaker effect is
 removed; otherwise it is removed itself. Then noise and rivals are estimated again (`rivals.py`), and the pass begins
 again. It ends when all remaining effects pass.
@@ -31,15 +31,15 @@ from diagnosis.engine.trials import current_model, predicted, refit
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Weighed:
-    """A model and its prediction of the select runs. The model is usually the current one without one effect."""
+    """A model and its prediction of the validation runs. The model is usually the current one without one effect."""
 
     model: FittedModel
     prediction: Prediction | None
 
 
 def weigh(problem: Problem, state: SearchState) -> SearchResult:
-    """Remove the effects that fail a gate together with the others. Return the result of the search, with the part that
-    each remaining effect explains.
+    """Remove the effects that fail a gate in the model with all accepted effects. Return the result of the search, with
+    the part that each remaining effect explains.
     """
     while True:
         without = _without_each(problem, state)
@@ -85,7 +85,9 @@ def _fitted(problem: Problem, state: SearchState, point: Point) -> _Weighed:
 
 
 def _failed(problem: Problem, state: SearchState, without: Mapping[str, _Weighed]) -> dict[str, str]:
-    """Return the accepted effects that fail a gate together with the others, each with the reason."""
+    """Return each accepted effect that fails a gate, with the reason. The model with all effects is compared with the
+    model ``without`` this one.
+    """
     beside = _Weighed(state.current.model, state.current.prediction)
     failed = {name: _gate(problem, state, beside, other) for name, other in without.items()}
     return {name: why for name, why in failed.items() if why}

@@ -8,8 +8,8 @@ weight to signals that the base model can follow, and a large weight to others. 
 the base model was three times too large.
 
 So the base model is fitted twice more: under noise estimated from its own residuals, and by plain least squares, each
-channel weighted by its own residual. The fit that predicts the report runs best is the reference. This choice may use
-the report runs, because it can only make the gain smaller.
+channel weighted by its own residual. The fit that predicts the test runs best is the reference. This choice may use
+the test runs, because it can only make the gain smaller.
 """
 
 from __future__ import annotations

@@ -12,25 +12,25 @@ the residual of the spring. Three questions decide whether the spring is a cause
   outside of the measured range.
 * Does the surface explain the same as the effect? Many effects are surfaces themselves: dry friction is a function of
   the speed. A surface with many coefficients follows it on the fit runs. This is imitation and no reason for doubt. So
-  the surface must predict the select runs *as it was fitted*, without the named effects, and better than a model with
-  neither.
+  the surface must predict the validation runs *as it was fitted*, without the named effects, and better than a model
+  with neither.
 
 Effects are doubtful and leave the model only if all three hold: a surface can imitate them, they gain hardly anything
-in addition to it, and it predicts the select runs itself. Otherwise the name stays, and a surface may explain the
+in addition to it, and it predicts the validation runs itself. Otherwise the name stays, and a surface may explain the
 remaining error.
 
 Some errors of the equations are no surface either, such as a spring that softens with its load history. A cubic spring
 imitates most of the error, and a surface a part of the remainder. None of the three questions finds that. But if a
 surface can imitate a cause, and the cause is not clearly larger than the effect of that surface *in addition* to it,
-one unknown term is more likely than two terms (`no_clearer`). Both are measured on fit runs and select runs.
+one unknown term is more likely than two terms (`no_clearer`). Both are measured on fit runs and validation runs.
 
 One more question applies to each name that stays: can its amplitude be 0 if the model is everywhere as wrong as the
 surfaces show? The interval of the amplitude includes such an error (`model_error.py`). If it includes 0, the effect is
 `vague`. There are two tests: by the standard deviation, and by λ², the increase of χ² at amplitude 0, compared with the
 increase at the end of an equally wide interval. The latter does not apply to a cause that removes most of the error of
-the select runs, because its amplitude is clearly not 0. The former does not apply to a cause that was found at a finite
-size and saturates. For example, the harder a stop is, the less its stiffness matters, so the curvature at the fit gives
-no information about 0.
+the validation runs, because its amplitude is clearly not 0. The former does not apply to a cause that was found at a
+finite size and saturates. For example, the harder a stop is, the less its stiffness matters, so the curvature at the
+fit gives no information about 0.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def vague(
 ) -> tuple[str, ...]:
     """Return the least certain accepted effect, if its amplitude can be 0 within the error of the equations.
 
-    ``left`` holds the residual on the select runs per effect; ``finite`` are effects that were found at finite
+    ``left`` holds the residual on the validation runs per effect; ``finite`` are effects that were found at finite
     amplitudes.
     """
     variances = np.diagonal(widened(model, tests, left))
@@ -155,7 +155,7 @@ def _superfluous(
 
 
 def _predicts(surface: FittedModel, neither: Point, select: Sequence[MeasuredRun]) -> bool:
-    """Return whether a surface, with its fitted coefficients, predicts the select runs better than the model
+    """Return whether a surface, with its fitted coefficients, predicts the validation runs better than the model
     ``neither`` without it.
     """
     nothing = fit(surface.replay, surface.noise, neither, surface.linearisation)

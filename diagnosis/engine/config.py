@@ -6,7 +6,8 @@ measured again.
 
 Terms: χ² is the sum of squares of whitened residuals; *penalised* χ² adds the squares of the parameters in units of
 their prior spread (minus twice the log of the posterior density, up to a constant). λ is the norm of a footprint after
-a refit of the base model, in standard deviations of the noise. lpd is the log predictive density of the select runs.
+a refit of the base model, in standard deviations of the noise. lpd is the log predictive density of the validation
+runs.
 """
 
 from __future__ import annotations
@@ -195,7 +196,7 @@ LARGE_COEFFICIENT: Final = 0.25
 
 #: A significant remainder belongs to the verdict if it is at least this part of the χ² that the causes explain.
 REMAINDER: Final = 0.01
-#: A surface that predicts the select runs no better is reported only if its p-value is below this.
+#: A surface that predicts the validation runs no better is reported only if its p-value is below this.
 UNKEPT_SURFACE_P: Final = 1e-6
 #: Part of its gain that a cause must keep together with a surface that imitates it. A stop that was called a cubic
 #: spring kept a hundredth; measured friction with the correct name kept three to seven hundredths.
@@ -217,18 +218,18 @@ LEAST_EIGENVALUE: Final = 1e-6
 #: with other equations, false causes reached at most 2.4. For true causes with a roughness of a fiftieth, on
 #: oscillators and benches, it was at least 8.
 CLEAR_OF_FORM: Final = 3.0
-#: A cause is not due to errors of the equations if its remaining error on the select runs (RMS over all channels,
+#: A cause is not due to errors of the equations if its remaining error on the validation runs (RMS over all channels,
 #: relative) is below this. Friction of seals leaves 0.18, however rough its own law; false causes of oscillators with
 #: other equations leave 0.3 to 1.
 PREDICTED_SHARE: Final = 0.25
-#: An error on the report runs is reported from this multiple of the noise on.
+#: An error on the test runs is reported from this multiple of the noise on.
 NOISE_RATIO_SHOWN: Final = 1.2
 #: If a model leaves more than this multiple of the noise on unseen runs, a further cause is missing …
 REMAINDER_RATIO: Final = 2.0
 #: … and if it leaves more than this part of the error, the named effect is only similar to the cause.
 RELATIVE: Final = 0.5
 #: A cause that removes less than this part of the error on unseen runs counts as without gain, unless the log density
-#: of the select runs rises by half of `DISTINGUISHED`.
+#: of the validation runs rises by half of `DISTINGUISHED`.
 NO_GAIN: Final = 0.01
 #: A smaller part of the error than this is reported as a small gain.
 GAINS_LITTLE: Final = 0.1
@@ -239,7 +240,7 @@ PREDICTS_AS_WELL: Final = 1.01
 # -- the intervals: model_error.py, intervals.py -----------------------------------------------------------------------
 
 #: Smallest number of records, or runs, whose scatter is used as the uncertainty of a parameter. The scatter of fewer is
-#: too uncertain. With fewer report runs, the bootstrap of the gain draws blocks of runs instead of runs.
+#: too uncertain. With fewer test runs, the bootstrap of the gain draws blocks of runs instead of runs.
 LEAST_REPEATS: Final = 6
 #: Number of values of τ (the size of an error of the model) that are tried. Small values are closer to each other.
 SPREADS_TRIED: Final = 2000

@@ -199,7 +199,7 @@ def _finding(
 
 
 def _gain(before: Prediction, after: Prediction, floors: Array, role: str, config: Config) -> Comparison:
-    """Compare the models on the report runs; without such runs the comparison is empty."""
+    """Compare the models on the test runs; without such runs the comparison is empty."""
     if config.with_gain and role == "report":
         return compare(before, after, floors, seed=config.seed)
     return Comparison()
@@ -241,7 +241,7 @@ def _worthwhile(
 def _differing(
     judged: Verdict, verdict: Verdict, models: tuple[FittedModel, FittedModel], data: Dataset, floors: Array
 ) -> str:
-    """Return a sentence if the report runs changed the verdict of the select runs; otherwise ""."""
+    """Return a sentence if the verdict by the test runs differs from that by the validation runs; otherwise ""."""
     select = data.of("select")
     if verdict is judged or not data.of("report") or not select:
         return ""

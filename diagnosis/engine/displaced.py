@@ -8,15 +8,15 @@ friction fail a gate themselves. The result is worse than the friction alone, wh
 would find. More candidates must not give a poorer model.
 
 So each cause that was removed while others were in the model is fitted alone, as when it was a candidate. If one
-predicts the select runs clearly better than the final model, the search is repeated without the effects that were in
-the model at its removal, and without all other removed effects. The final model is compared without its surfaces,
+predicts the validation runs clearly better than the final model, the search is repeated without the effects that were
+in the model at its removal, and without all other removed effects. The final model is compared without its surfaces,
 because a named cause has priority over a surface.
 
 One cause may also replace two: a clock error replaces delays of all signals that it times. The delays are removed, and
 one of them still scores at the end. Then the search is repeated without the cause in the final model which is most
 similar to the removed one.
 
-The result of the second search is tested with the whole catalogue. It is kept if it still predicts the select runs
+The result of the second search is tested with the whole catalogue. It is kept if it still predicts the validation runs
 clearly better and its error on the fit runs is not larger. If two causes replace one, no other effect may score,
 because with a large residual any model with more parameters fits a little better.
 """
@@ -95,7 +95,7 @@ def _in_the_place_of(first: Judgement) -> set[str]:
 
 
 def _best_single_cause(problem: Problem, first: Judgement) -> str:
-    """Return the removed cause that alone predicts the select runs best; "" if the judgement predicts them better."""
+    """Return the removed cause that alone predicts the validation runs best; "" if the judgement is better."""
     state, model, floors = first.found.state, first.screened.model, first.found.floors
     errors = {}
     left = (one for one, others in state.beside.items() if others and one not in model.effects)

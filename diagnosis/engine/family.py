@@ -14,7 +14,8 @@ The rule has two parts:
   BIC *and* by log predictive density, each by the gap that a verdict requires. Otherwise the richer member enters, if
   its parameters improve the BIC (`richer_members` lists the candidates, `admission.py` decides).
 * Against the richer member: no equation is exact, so a large effect always leaves a residual, which a richer member can
-  explain. It pays a surcharge for this residual, a part ``Config.rough`` of λ (`richer_surcharge`).
+  explain. So a surcharge is added to the BIC of the richer member: the χ² that the effects have explained, times
+  ``Config.rough``² (`richer_surcharge`).
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ simulations with numbers that are not finite are dropped.
 
 Then all gates apply, as for any candidate. Two more replace the threshold of the score, which was not passed. χ² must
 fall by the square of the threshold, and the remaining part of the error must be less than `RELATIVE` where the cause
-acts, on the select runs if there are any. A candidate that explains less is wrong, or only similar to the cause. An
+acts, on the validation runs if there are any. A candidate that explains less is wrong, or only similar to the cause. An
 effect whose earlier fit failed must leave less than `PREDICTED_SHARE`; otherwise it may be a similar effect that fits
 only a little better.
 

@@ -8,7 +8,7 @@ parameters of an effect (a time constant, a travel) are undefined at amplitude 0
 of them, the points of its grid. An effect at one point of its grid is a `Candidate`.
 
 The same is done for every parameter of the base model and of the accepted effects, because changes that these can
-imitate do not support a candidate (step 4 continues in `screening.py`), and in step 7 for each coefficient of the
+imitate do not support a candidate. Step 4 continues in `screening.py`. In step 7 it is done for each coefficient of the
 surfaces that represent unknown terms. All quotients are simulated once, before the noise is known. The noise estimate
 (step 3, `noise_estimate.py`) and the scores use them.
 """

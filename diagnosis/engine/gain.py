@@ -2,7 +2,7 @@
 
 Theory of operation
 -------------------
-All parameters of both models are fitted (base model: `best_base.py`). Both predict the report runs with the parameters
+All parameters of both models are fitted (base model: `best_base.py`). Both predict the test runs with the parameters
 from the fit runs; only parameters of a single run (an initial pressure) are fitted again. The gain is the removed part
 of the explainable error, (RMSE0² − RMSE1²)/(RMSE0² − floor²), because no model can explain noise. Its interval is from
 a bootstrap of runs, or of blocks if there are few runs.
@@ -40,14 +40,14 @@ class Comparison:
     gains: list[Gain] = field(default_factory=list)
     coverage: list[Coverage] = field(default_factory=list)
     traces: list[Trace] = field(default_factory=list)
-    #: Nuisances of the report runs in SI, before and after, by record and name.
+    #: Nuisances of the test runs in SI, before and after, by record and name.
     before_runs: dict[str, dict[str, float]] = field(default_factory=dict)
     after_runs: dict[str, dict[str, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Arms:
-    """The report runs with the predictions (n, c) of both models."""
+    """The test runs with the predictions (n, c) of both models."""
 
     runs: tuple[MeasuredRun, ...]
     outputs: tuple[tuple[Array, ...], tuple[Array, ...]]
@@ -252,7 +252,7 @@ def _width(coordinate: Coordinate, value: float, deviation: float) -> float | No
 
 
 def models(before: FittedModel, after: FittedModel, reported: Comparison) -> Models:
-    """Return both models with their SI values, and the parameters that were fitted to each report run."""
+    """Return both models with their SI values, and the parameters that were fitted to each test run."""
     return Models(
         before=_shared(before.point),
         after=_shared(after.point),

@@ -11,8 +11,8 @@ or "" if it passes.
   than allowed. A transducer with a zero error of 0.2 bar is no explanation;
 * `merely_rough`: no equation is exact, so a large cause leaves a small residual above the noise. A further cause must
   explain more than this residual;
-* `useless`: the log density of the select runs must not fall, and a part of the explainable misfit must disappear in
-  the channel where the effect acts.
+* `useless`: the log density of the validation runs must not fall, and a part of the explainable misfit must disappear
+  in the channel where the effect acts.
 
 The last gate needs the error by noise alone, which no cause can explain: `noise_floors`.
 """
@@ -62,7 +62,7 @@ def useless(
 ) -> str:
     """Return why a model with one more effect does not predict better, as a clause; "" if it does.
 
-    ``after`` and ``before`` are predictions of the select runs; None without select runs.
+    ``after`` and ``before`` are predictions of the validation runs; None without validation runs.
     """
     if after is not None and before is not None and before.lpd - after.lpd >= config.lpd_loss:
         return "it predicts the validation runs worse"

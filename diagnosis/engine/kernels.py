@@ -34,10 +34,11 @@ def filter_rows(values: Any, starts: Any, which: Any, weights: Any, reach: Any, 
 def quotients(
     outputs: Any, predictions: Any, distance: float, instants: Any, bounds: Any, out: Any, moved: Any
 ) -> None:
-    """Write (outputs − predictions)/distance of the samples (N,) that count to ``out``.
+    """Write (outputs − predictions)/distance to ``out`` (N,), only for the N samples that count.
 
     ``moved`` (c,) is set to True for channels in which a quotient is not 0. ``outputs`` and ``predictions`` are (c, n);
-    ``instants`` (N,) and ``bounds`` (c + 1,) are those of a packing.
+    ``instants`` (N,) are the indices of these samples, channel after channel, and ``bounds`` (c + 1,) the borders of
+    the channels in ``instants`` (`diagnosis.engine.columns.Packing`).
     """
     for c in range(len(moved)):
         after, before = outputs[c], predictions[c]

@@ -17,8 +17,8 @@ first two:
   its fit to all of them is inexact too. A unit of χ² is one variance of the amplitude. Half of the excess E is in the
   direction of the cause itself, and a part of it cancels over the stretches. So the variance grows by a quarter of E,
   with that of the correlated numbers.
-* **A limit from the select runs** (`_bounded`). Both measures above are possible errors. The select runs show the
-  actual one: the relative error of an amplitude is at most the part of the error that its cause leaves there
+* **A limit from the validation runs** (`_bounded`). Both measures above are possible errors. The validation runs show
+  the actual one: the relative error of an amplitude is at most the part of the error that its cause leaves there
   (`prediction_share.py`). This limits the added standard deviation.
 * **The scatter between repeats** (`_of_repeats`). With enough records, or at least runs, each has its own gradient of
   χ². In an exact model the gradients differ only by noise; different specimens, mountings and days increase the
@@ -57,7 +57,7 @@ def widened(model: FittedModel, tests: Sequence[Omnibus], left: ResidualBound | 
     """Return the covariance (k, k) of the numbers of a fit, including errors of the model. ``tests`` are those of the
     surfaces.
 
-    ``left`` returns the part of the error that a cause leaves on the select runs.
+    ``left`` returns the part of the error that a cause leaves on the validation runs.
     """
     covariance = _of_form(model, tests) + _of_inconstancy(model)
     if left is not None:
@@ -74,7 +74,7 @@ def widened(model: FittedModel, tests: Sequence[Omnibus], left: ResidualBound | 
 
 def _bounded(model: FittedModel, covariance: Array, left: ResidualBound) -> Array:
     """Return a covariance (k, k) in which the added standard deviation of each amplitude is limited by ``left``, from
-    the select runs.
+    the validation runs.
     """
     plain = model.covariance()
     more = covariance - plain

@@ -29,9 +29,10 @@ from diagnosis.engine.threads import in_threads
 class Omnibus:
     """The score test of one surface: χ² of all its coefficients together, or of the sums along one coordinate.
 
-    ``p`` is the probability of an equally large χ² by chance in any of these views. ``projection`` is that of the
-    columns of its m coefficients. ``start`` (m,) are the coefficients estimated from the score, in units of their prior
-    spread. ``cosines`` are those between each candidate and the surface with the coefficients ``start``.
+    ``p`` is the probability of an equally large χ² by chance in any of these views. ``projection`` holds the
+    inner products of the columns of its m coefficients, from which the part that the model can imitate is subtracted.
+    ``start`` (m,) are the coefficients estimated from the score, in units of their prior spread. ``cosines`` are those
+    between each candidate and the surface with the coefficients ``start``.
     """
 
     surface: Surface

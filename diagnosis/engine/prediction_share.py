@@ -1,4 +1,4 @@
-"""The part of the error of the select runs that a cause, as fitted to other runs, removes.
+"""The part of the error of the validation runs that a cause, as fitted to other runs, removes.
 
 Theory of operation
 -------------------
@@ -19,18 +19,19 @@ from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.predict import predict
 from diagnosis.engine.remainder import part_left
 
-#: Returns the part of the error that an effect of a model leaves of the select runs, at most; infinite if not known.
+#: Returns the part of the error that an effect of a model leaves of the validation runs, at most; infinite if not
+#: known.
 ResidualBound = Callable[[FittedModel, str], float]
 
 
 def is_predicted(model: FittedModel, effect: str, select: Sequence[MeasuredRun], floors: Array) -> bool:
-    """Return whether an effect, as fitted, removes most of the error of all channels on the select runs."""
+    """Return whether an effect, as fitted, removes most of the error of all channels on the validation runs."""
     return bool(select) and _share_without(model, effect, select, floors) < PREDICTED_SHARE
 
 
 def residual_bound(select: Sequence[MeasuredRun], floors: Array) -> ResidualBound:
     """Return a function: for a model and an effect it returns the largest relative error of the amplitude that the
-    select runs allow.
+    validation runs allow.
     """
 
     def left(model: FittedModel, effect: str) -> float:

@@ -10,7 +10,7 @@ fitted to limit the claim:
   only similar to the true one. Then nothing is named;
 * equal prediction without a cause: the cause gains nothing there. It may be true and small; the report says so.
 
-All figures are for the report runs; without them, for the select runs; otherwise for the fit runs.
+All figures are for the test runs; without them, for the validation runs; otherwise for the fit runs.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Remainder:
 
 
 def held_back(data: Dataset) -> tuple[Role, tuple[MeasuredRun, ...]]:
-    """Return the role and the runs that the fit used least: report runs, otherwise select runs, otherwise fit runs."""
+    """Return the role and the runs that the fit used least: test runs, else validation runs, else fit runs."""
     roles: tuple[Role, ...] = ("report", "select", "fit")
     return next((role, data.of(role)) for role in roles if data.of(role))
 

@@ -22,7 +22,7 @@ from diagnosis.engine.screening import Screening
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """The search problem: the simulator on the fit runs, the select runs, the hypotheses by name, and the levels."""
+    """The search problem: simulator on the fit runs, validation runs, hypotheses by name, and thresholds."""
 
     replay: Replay
     select: tuple[MeasuredRun, ...]
@@ -34,8 +34,8 @@ class Problem:
 class CurrentModel:
     """The base model with the accepted effects, fitted under its own noise, and the scores of all other effects.
 
-    ``prediction`` is that of the select runs; None if there are none. ``explained_chi2`` is the penalised χ² that the
-    accepted effects have explained so far.
+    ``prediction`` is that of the validation runs; None if there are none. ``explained_chi2`` is the penalised χ² that
+    the accepted effects have explained so far.
     """
 
     model: FittedModel
@@ -61,7 +61,7 @@ class Trial:
     covariance: Array  #: of the point's numbers (k, k)
     penalised_chi2: float
     bic: float  #: with the surcharge of a richer member of a family
-    lpd: float  #: of the select runs; NaN where there are none, or where a better trial made it needless
+    lpd: float  #: of the validation runs; NaN where there are none, or where a better trial made it needless
     failed: str = ""
     physical: bool = True
     rough: bool = False  #: it failed only by the possible error of earlier causes
@@ -129,12 +129,14 @@ class Accepted:
     score: float
     lambda_: float
     bic_gain: float
-    lpd_gain: float  #: NaN where there are no select runs
+    lpd_gain: float  #: NaN where there are no validation runs
     rivals: tuple[Trial, ...]  #: physical models with another effect in its place, best first
 
     @property
     def explained(self) -> float:
-        """The χ² that the effect explains on the fit runs and the select runs. Without select runs their part is 0."""
+        """The χ² that the effect explains on the fit runs and the validation runs. Without validation runs their part
+        is 0.
+        """
         # NaN counts as none: it is never the larger one.
         return self.lambda_**2 + max(0.0, 2.0 * self.lpd_gain)
 

@@ -88,7 +88,7 @@ class Conclusions:
 
     ``accepted`` holds all accepted effects, even if no cause is named and they are only candidates. ``also`` describes
     further effects that may be present. ``misfit`` is the clearest error above the noise if no candidate fits.
-    ``differing`` describes how the report runs changed the verdict.
+    ``differing`` describes how the verdict by the test runs differs from that by the validation runs.
     """
 
     accepted: Sequence[Cause]

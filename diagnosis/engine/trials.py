@@ -10,8 +10,8 @@ highest score.
 A fit starts at the amplitude estimated from the score, with the base parameters adapted to it. All fits of one forward
 step share the noise and the columns of the base parameters. So they are fast and comparable by BIC.
 
-Trials are tested in the order of their BIC. A prediction of the select runs takes as long as a fit. So it is made only
-for a trial that has passed all other gates, and only until a better trial has passed.
+Trials are tested in the order of their BIC. A prediction of the validation runs takes as long as a fit. So it is made
+only for a trial that has passed all other gates, and only until a better trial has passed.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from diagnosis.engine.screening import fit_and_screen
 from diagnosis.engine.search_state import CurrentModel, Problem, SearchState, Trial
 from diagnosis.engine.threads import in_threads
 
-#: Why a fitted model, with its prediction of the select runs, is rejected; "" if it is not.
+#: Why a fitted model, with its prediction of the validation runs, is rejected; "" if it is not.
 Gate = Callable[[FittedModel, Prediction | None], str]
 
 
 def current_model(problem: Problem, point: Point, explained_chi2: float = 0.0) -> CurrentModel:
     """Return the model of a point with all its results: estimate the noise, fit again, score all other effects, and
-    predict the select runs.
+    predict the validation runs.
     """
     rest = candidates([e for name, e in problem.hypotheses.items() if name not in point.owners])
     around = footprints(problem.replay, point, rest)
@@ -54,8 +54,8 @@ def current_model(problem: Problem, point: Point, explained_chi2: float = 0.0) -
 
 
 def predicted(problem: Problem, model: FittedModel, near: Prediction | None = None) -> Prediction | None:
-    """Predict the select runs; None if there are none. ``near`` is a prediction under the same noise whose columns are
-    used again.
+    """Predict the validation runs; None if there are none. ``near`` is a prediction under the same noise whose columns
+    are used again.
     """
     if not problem.select:
         return None
@@ -91,7 +91,7 @@ def tried(
 
     Predictions are tested in the order of BIC, until one passes. The trials after it have no lpd.
 
-    ``gate`` is a further test: from a fitted model and its prediction of the select runs it returns why the model
+    ``gate`` is a further test: from a fitted model and its prediction of the validation runs it returns why the model
     fails, or "".
     """
     current = state.current
@@ -148,7 +148,7 @@ def _wanted(problem: Problem, current: CurrentModel) -> dict[str, int]:
 def fit_physical(
     problem: Problem, effect: str, start: Point, current: CurrentModel, target: float = math.inf
 ) -> Trial:
-    """Fit a model and test only whether it is physical. If it is, predict the select runs. Return the trial."""
+    """Fit a model and test only whether it is physical. If it is, predict the validation runs. Return the trial."""
     model = refit(problem, start, current, target)
     failed = unphysical(model, current.model)
     prediction = None if failed else predicted(problem, model, current.prediction)

@@ -9,7 +9,7 @@ damper, depend on one state only, and a test with the few functions of this stat
 tested alone. The clearest view counts, its p-value multiplied by the number of views.
 
 A clear surface is fitted inside the model, with its prior spread as the ridge. The named causes keep their numbers: the
-surface fits only their residual. It is kept if, as fitted, it improves the prediction of the select runs. It is
+surface fits only their residual. It is kept if, as fitted, it improves the prediction of the validation runs. It is
 reported as a surface, with the range that the runs covered and with similar terms, and never as a cause (`explain`).
 """
 
@@ -48,8 +48,8 @@ def clear_surfaces(
 ) -> list[Omnibus]:
     """Return the tests of surfaces that explain a large part compared with the accepted effects, the clearest first.
 
-    ``together`` is the model of fit runs and select runs; it gives the significance. ``screened``, from the fit runs,
-    gives the start of the fit.
+    ``together`` is the model of fit runs and validation runs; it gives the significance. ``screened``, from the fit
+    runs, gives the start of the fit.
     """
     explained = sum(one.explained for one in accepted)
     tests = []
@@ -65,7 +65,7 @@ def explain(
 ) -> tuple[FittedModel, Unknown]:
     """Fit a surface inside a model, and describe where it acts and which terms it resembles.
 
-    The returned model contains the surface if this improves the prediction of the select runs; otherwise it is
+    The returned model contains the surface if this improves the prediction of the validation runs; otherwise it is
     ``model``.
     """
     coordinates = surface_coordinates(test.surface)
@@ -104,12 +104,12 @@ _NOT_KEPT: Final = (
 
 
 def dropped(unknown: Unknown) -> Unknown:
-    """Return the surface, marked as not kept, because it does not improve the prediction of the report runs."""
+    """Return the surface, marked as not kept, because it does not improve the prediction of the test runs."""
     return msgspec.structs.replace(unknown, kept=False, sentence=_NOT_KEPT.format(unknown.title, "test"))
 
 
 def _gain(model: FittedModel, fitted: FittedModel, select: Sequence[MeasuredRun]) -> float:
-    """Return the increase of the lpd of the select runs by a fitted surface; NaN without select runs."""
+    """Return the increase of the lpd of the validation runs by a fitted surface; NaN without validation runs."""
     if not select:
         return float("nan")
     return predict(fitted, select, fixed=True).lpd - predict(model, select, fixed=True).lpd

@@ -4,14 +4,14 @@ Theory of operation
 -------------------
 The search has named causes. The simulator's surfaces now represent everything that the catalogue lacks. The noise is
 estimated once more without the part that they explain. The surfaces are tested (`omnibus.py`) on the fit runs and the
-select runs together, because an unknown term is often clearest on runs that were not fitted. Causes that the clearest
-surface makes superfluous leave the model (`cause_removal.py`), and so do those outside of their range in the last fit,
-those with 0 in their interval, and those that may only compensate an error of the equations (`constancy.py`). Such a
-cause helps little on runs that it was not fitted to. A cause that removes most of the error of the select runs, as
-fitted, is therefore kept, however rough its own equation. The remaining causes pass all gates again (`backward.py`),
-and the test is repeated without the removed ones. Then the surface is fitted. If a removed cause may compensate such an
-error, and no surface was clear together with it, then a surface that appears in its absence is not reported, because a
-known cause explains the same error.
+validation runs together, because an unknown term is often clearest on runs that were not fitted. Causes that the
+clearest surface makes superfluous leave the model (`cause_removal.py`), and so do those outside of their range in the
+last fit, those with 0 in their interval, and those that may only compensate an error of the equations (`constancy.py`).
+Such a cause helps little on runs that it was not fitted to. A cause that removes most of the error of the validation
+runs, as fitted, is therefore kept, however rough its own equation. The remaining causes pass all gates again
+(`backward.py`), and the test is repeated without the removed ones. Then the surface is fitted. If a removed cause may
+compensate such an error, and no surface was clear together with it, then a surface that appears in its absence is not
+reported, because a known cause explains the same error.
 
 The verdict follows from the remaining causes and scores, and no cause is forced:
 
@@ -161,7 +161,7 @@ def _below_samples(problem: Problem, found: SearchResult, model: FittedModel) ->
 def _with_select(
     around: Footprints, replay: Replay, select: Sequence[MeasuredRun], config: Config
 ) -> ScreenedModel:
-    """Fit and screen the model on the fit runs and the select runs together, and return the result."""
+    """Fit and screen the model on the fit runs and the validation runs together, and return the result."""
     there = replay.of(select)
     point = around.point.with_records(there.records)
     further = with_surfaces(there, footprints(there, point, around.candidates))

@@ -37,7 +37,7 @@ def values(numbers: Sequence[float | None]) -> Array:
 
 
 def trace_curves(name: str, trace: Trace, names: tuple[str, str]) -> str:
-    """Draw a part of a report run: measured, and predicted by both models."""
+    """Draw a part of a test run: measured, and predicted by both models."""
     with style():
         figure, axes = panel(2.25, width=4.72, left=0.66, right=0.12, bottom=0.48, top=0.30)
         times = np.array(trace.times)
@@ -230,7 +230,7 @@ def _cell(x: float, y: float, color: Any) -> Any:
 
 
 def panel_figure(name: str, title: str, figure: Figure) -> str:
-    """Draw the figure of a test of the panel, or of a surface."""
+    """Return the figure of one of the tests of the residual, or of an unknown term (surface), as SVG."""
     with style():
         drawing, axes = panel(
             2.75,

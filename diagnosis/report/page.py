@@ -277,7 +277,7 @@ def _detectable(unseen: Sequence[Unseen]) -> Markup:
 
 
 def _gain(finding: Finding) -> Markup:
-    """Return a section with the errors of both models on the report runs, and their curves."""
+    """Return a section with the errors of both models on the test runs, and their curves."""
     runs = finding.provenance.report
     names = _names(finding)
     both = len(set(names)) > 1

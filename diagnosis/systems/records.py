@@ -276,8 +276,9 @@ def _outputs(
 def _without_frame_dampers(
     outputs: Array, record: Record, grid: Array, settings: SettingsOfRecord, simulator: AirSpring
 ) -> None:
-    """Change readings (n, c) of held vertical pistons in place, to those of a replay, in which their frames deflect by
-    F/k without damping c.
+    """Correct, in place, the readings in ``outputs`` (n, channels) of vertical pistons in displacement control to those
+    of a replay. In a replay their frames have only the stiffness k and deflect by F/k; the real ones also have damping
+    c.
 
     With c, 20 kN at 12.5 Hz deflect the frame by an additional 8 µm, a quarter of a wave later.
     """

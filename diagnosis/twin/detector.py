@@ -3,7 +3,8 @@
 Theory of operation
 -------------------
 While the model is valid, the whitened innovations z of a channel (n bins in a block) are standard normal. The
-alternatives are: their mean is δ (in units of a block mean), or their variance is κ². The likelihood ratio of a block,
+alternatives are: the block mean of z is shifted by δ times its standard deviation, or the variance of z is κ². The
+likelihood ratio of a block,
 
     L = exp(δ m − δ²/2) with m = Σz/√n,   L = κ⁻ⁿ exp((1 − κ⁻²) Σz²/2)
 

@@ -218,11 +218,15 @@ def _from_one_to_the_next(values: Array) -> float:
 
 
 def friction_goes_on(place: Array, travel: float) -> tuple[Array, Array, Array]:
-    """Return three series (n,): the additional friction on a path ``place`` (n,) due to earlier motions, as shares of
-    the friction limit, per unit of the unknown factors.
+    """Return three series (n,): the additional friction on a path ``place`` (n,) due to earlier motions, relative to
+    the friction limit, per unit of their unknown factors.
 
-    The series are x₂/(x₂ + x) with the factor −(u₀ − 1), ± x₂ x/(x₂ + x)² (sign of the first motion) with the factor
-    −(D/x₂ − 1), and 1 after a reversal. x is the largest distance from the start so far; x₂ is ``travel`` (m).
+    x is the largest distance from the start so far, and x₂ is ``travel`` (m). u₀ and D are explained at the top of this
+    file. The series are:
+
+    * x₂/(x₂ + x); its factor is −(u₀ − 1).
+    * ± x₂ x/(x₂ + x)², with the sign of the first motion; its factor is −(D/x₂ − 1).
+    * 1 after a reversal, and 0 before; its factor is the error of the friction there, relative to the limit.
     """
     way = place - place[0]
     away = np.maximum.accumulate(np.abs(way))

@@ -38,8 +38,8 @@ class Acting(NamedTuple):
 
 
 class _Two(NamedTuple):
-    """Two causes: the effect of each per unit of size (n, c), their fits, and for each the interval of start bins with
-    which it explains about as much as with the best one.
+    """Two causes: the effect of each per unit of size (n, c), their fits, and for each the range of start bins (first,
+    last) for which the fit is nearly as good as for the best start bin.
     """
 
     acting: tuple[Acting, Acting]

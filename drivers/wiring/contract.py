@@ -303,7 +303,7 @@ class Transport(ABC):
 
     @abstractmethod
     def subscribe(self, receive: OnPoints) -> None:
-        """Call ``receive(time, points)`` with received points from now on, in order and from one thread at a time."""
+        """Call ``receive(time (ns), points)`` for received points from now on, in order, from one thread at a time."""
 
     @abstractmethod
     def read(self, names: Sequence[str]) -> dict[str, float]:

@@ -29,14 +29,14 @@ PLAYED: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """The source of a measurement, status or contact."""
+    """The points of a measurement, status or contact, and the calculation of its SI value from them."""
 
     points: tuple[str, ...]
     combine: Combine | None  #: None: the first point is the value
     conversion: Conversion
 
     def si(self, values: Sequence[float]) -> float:
-        """Return the SI value for the numbers of the points; NaN if one of them is NaN or infinite."""
+        """Return the SI value for the raw values of ``points``, in their order; NaN if one is NaN or infinite."""
         if not all(map(math.isfinite, values)):
             return math.nan
         return self.conversion.si(values[0] if self.combine is None else self.combine(values))
@@ -53,7 +53,7 @@ class Target:
 
 @dataclass(frozen=True, slots=True)
 class Greetings:
-    """Orders of the wiring itself: after connecting, before disconnecting, and after writing settings."""
+    """Values that the wiring itself writes: after connecting, before disconnecting, and after writing settings."""
 
     open: tuple[Order, ...]
     close: tuple[Order, ...]

@@ -1,4 +1,4 @@
-"""The wiring of a rig that implements our table: the supplied description with given ports."""
+"""The wiring of a rig that implements the ASTB table of signals: the supplied description with given ports."""
 
 from __future__ import annotations
 

@@ -131,7 +131,9 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Stretches under one load. Before them the springs are loaded, on the leveling valves."""
+    """Motions (`Stretch`) under one load. Before the first one, the springs take up this load with the leveling valves
+    on.
+    """
 
     load: str  #: load case of the specimen
     stretches: tuple[Stretch, ...]

@@ -58,7 +58,7 @@ def test_a_name_is_vague_where_the_surface_shows_an_error_of_its_size(
 
 @pytest.mark.parametrize("surfaces", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_cause_within_the_repeatability_is_not_named(laboratory, oscillator, force_surface, surfaces):
-    # Three specimens, one of them with the opposite sign: their mean predicts the select run well.
+    # Three specimens, one of them with the opposite sign: their mean predicts the validation run well.
     lab = laboratory(samples=600)
     runs = [
         replace(run, experiment=replace(run.experiment, name=f"{run.experiment.name} of {size}"))

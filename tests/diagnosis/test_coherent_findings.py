@@ -33,7 +33,7 @@ def test_the_reduction_of_the_error_is_that_of_its_root(laboratory):
 
 
 def test_a_report_run_that_changes_the_verdict_is_reported(laboratory):
-    """A slow sine of the report run alone makes an error there; the select runs know nothing of it."""
+    """A slow sine of the test run alone makes an error there; the validation runs know nothing of it."""
     lab = laboratory(samples=600)
     data = lab.measure(31, {"coulomb": {"amplitude": 3.0}})
     sound = diagnose(data, lab.simulator, Config(workers=1))
@@ -59,7 +59,7 @@ def test_a_surface_that_does_not_improve_unseen_runs_goes(laboratory, monkeypatc
     kept = diagnose(data, lab.simulator, Config(workers=1))
     assert kept.unknowns and kept.unknowns[0].kept
     assert kept.gains[0].noise_ratio < kept.gains[0].noise_ratio_before
-    # The same surface, turned upside down where it was fitted, makes the report runs worse.
+    # The same surface, turned upside down where it was fitted, makes the test runs worse.
     fitted = judging.explain
 
     def worse(model, *others):

@@ -143,7 +143,7 @@ def test_a_hum_at_rest_makes_no_effect_doubtful():
 
 @pytest.mark.parametrize("samples", [80, 81, 95, 110, 400])
 def test_a_short_series_is_compared_too(samples):
-    """A report run may leave fewer ordinates than the background of a line has elsewhere."""
+    """A test run may leave fewer ordinates than the background of a line has elsewhere."""
     assert found(np.zeros(samples)) == []
     values = series(1, "walk", 6.0)[:samples]
     walk = found(6.0 * (values - values.mean()) / values.std())

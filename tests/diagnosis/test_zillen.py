@@ -248,7 +248,7 @@ def test_the_diagnosis_names_the_seal_and_does_not_claim_that_this_is_all(
 
 
 def textbook(dataset: Dataset) -> float:
-    """RMS on the report runs of F = a·p + b by plain least squares on the fit runs: what the best base model leaves."""
+    """RMS on the test runs of F = a·p + b by plain least squares on the fit runs: what the best base model leaves."""
 
     def columns(role: Role) -> tuple[np.ndarray, np.ndarray]:
         pressure = np.concatenate([run.experiment.inputs["pressure"][run.scored] for run in dataset.of(role)])

@@ -274,7 +274,8 @@ class Measuring:
     def _ahead(self, times: Samples, values: Mapping[str, Samples]) -> None:
         """Measure the longitudinal position of the springs' force with the load cells, and record it.
 
-        The sums of the cells do not show an error of a seat or of an actuator in this direction.
+        If the seat of a spring or an actuator is mounted too far forward or back, the sums of the load cells do not
+        show it.
         """
         cells = [cell for cell in described(self._rig) if cell in values]
         if self._rig.lacks(*CELLS) or {"force upward", "pitch moment"} & set(unseen(self._rig, cells)):

@@ -90,7 +90,9 @@ def skeleton(
     charset: str | None = None,
     counting: Counting | None = None,
 ) -> str:
-    """Return a wiring file for the directory ``beside``. Raises WiringError for an unreadable DBC or list."""
+    """Return the text of a wiring file, with paths relative to the directory ``beside``. Raises WiringError for an
+    unreadable DBC or list.
+    """
     points: list[DescribedPoint] = []
     text = (
         'description = "Incomplete description of a rig: fill in the missing entries"\nlatency = "100 ms"\n\n'

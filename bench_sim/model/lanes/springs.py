@@ -96,8 +96,8 @@ class LaneSpring:
 
     @property
     def key(self) -> Hashable:
-        """Return a key that is equal for springs with the same trajectory. It is valid as long as their course
-        exists.
+        """Return a key that is equal for springs with the same trajectory. It contains the ``id`` of the ``course``, so
+        it is valid only while this object exists.
         """
         beside = (*(SURFACES if self.surfaced else ()), *(FEEDING if self.course.fed else ()))
         return id(self.course), self.shift, self.supply_error, self.column.tobytes(), self.all_of(beside)

@@ -26,7 +26,7 @@ Part = tuple[tuple[int, ...], Columns]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Raw:
-    """Columns before whitening, and the filter that they passed later. Other filters can be applied to them."""
+    """Columns before whitening, and the filter that whitened them. Other filters can be applied to them too."""
 
     columns: Columns
     passed: Filter

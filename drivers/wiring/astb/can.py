@@ -73,7 +73,7 @@ class AstbListener:
         self._decoder = Decoder(table, from_rig=True)
         self._map_hash_row = table.index["rig.map_hash"]
         self._lock = threading.Lock()
-        #: Rows that are valid if the rig's map differs from our table; None for all.
+        #: Rows that are valid if the rig's map differs from the ASTB table; None for all.
         self._rows_here: npt.NDArray[np.bool_] | None = None
         if absent:
             self._rows_here = np.ones(len(table.signals), np.bool_)

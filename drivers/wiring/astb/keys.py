@@ -1,4 +1,4 @@
-"""The keys of a transport of kind ``astb``, and of the ports of a rig that uses our table."""
+"""The keys of a transport of kind ``astb``, and of the ports of a rig with the ASTB table of signals."""
 
 from __future__ import annotations
 

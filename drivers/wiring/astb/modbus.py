@@ -158,7 +158,7 @@ class AstbRegisters:
         return f"{text} (Modbus exception {refused.code})" if text else str(refused)
 
     def contacts(self) -> dict[str, bool]:
-        """Return for each interlock, by name, whether its description applies, read in one request."""
+        """Return the states of all interlocks (see `contact`) by name, read in one request."""
         first = min(register.address for register in self._contacts.values())
         bits = self._port.read_discrete(first, len(self._contacts))
         return {name: bits[register.address - first] for name, register in self._contacts.items()}
@@ -194,7 +194,9 @@ class AstbRegisters:
         return dict.fromkeys(names, math.nan) | self._one_step(here)
 
     def contact(self, name: str) -> bool:
-        """Return whether the description of an interlock applies."""
+        """Return the state of an interlock. True means what its description in the table of signals states, such as
+        "The hard-wired emergency stop is pressed".
+        """
         return self._port.read_discrete(self._contacts[name].address, 1)[0]
 
     def reading(self, name: str) -> float:
@@ -240,8 +242,8 @@ class AstbRegisters:
         return (words[1] << 16) | words[2]
 
     def differences(self, map_hash: int) -> Differences:
-        """Return the differences between our table and the rig's map, whose hash is ``map_hash``. Missing readings are
-        not requested from then on.
+        """Return the differences between the ASTB table and the rig's map, whose hash is ``map_hash``. Missing readings
+        are not requested from then on.
 
         Raises `MapMismatch` if the rig does not report its map, or if a bench must not run with it.
         """

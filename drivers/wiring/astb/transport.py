@@ -1,4 +1,4 @@
-"""The transport to a rig that uses our table: measurements and set-points on CAN, all else on Modbus/TCP.
+"""The transport to a rig with the ASTB table of signals: measurements and set-points on CAN, all else on Modbus/TCP.
 
 It carries the signals themselves, in SI, by a compiled codec, and keeps the cycle of the set-points. In a wiring file
 it serves every signal that has no line of its own::
@@ -176,7 +176,8 @@ class AstbTransport:
     # -- connection ----------------------------------------------------------------------------------------------
 
     def connect(self, clock: Clock, lost: OnLost) -> None:
-        """Check that the rig implements our table, or enough of it. Take the lease and feed the watchdog.
+        """Check that the rig implements the ASTB table of signals, or enough of it. Take the lease and feed the
+        watchdog.
 
         A client that only listens does neither. The port limits the time of every Modbus answer.
         """
@@ -198,7 +199,7 @@ class AstbTransport:
         self.can.subscribe(self._listener.receive)
 
     def _agree(self, map_hash: int) -> None:
-        """Find the common part of our table and a different map of the rig. Raises MapMismatch if it is too small."""
+        """Find the common part of the ASTB table and the rig's different map. Raises MapMismatch if it is too small."""
         self._map_hash = map_hash
         if map_hash != self._table.map_hash:
             found = self.registers.differences(map_hash)

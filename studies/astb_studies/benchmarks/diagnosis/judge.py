@@ -29,7 +29,7 @@ class Judged(msgspec.Struct, frozen=True, kw_only=True):
     phenomenon of a cause, which the finding does not distinguish from it. ``errors`` are errors of the amplitudes of
     correctly named causes, relative to the truth; ``deviations`` are the same errors in reported standard deviations.
     ``base`` has the errors of the parameters of the base model. ``fraction`` and ``noise_ratio`` are the gain on the
-    report runs.
+    test runs.
     """
 
     system: str

@@ -47,7 +47,7 @@ def test_two_relaxation_times_are_not_called_friction(judged):
 
 @pytest.mark.slow
 def test_a_stop_that_is_hardly_touched_is_no_cubic_spring(judged):
-    """In the fit runs it looks like one; the select run excites it more and separates them."""
+    """In the fit runs it looks like one; the validation run excites it more and separates them."""
     found = judged("oscillator", "outside", "white", 1063)
     assert found.hidden == ["stop"]
     assert found.verdict == Verdict.UNKNOWN
