@@ -76,6 +76,11 @@ class KeptRun(msgspec.Struct, frozen=True, kw_only=True):
     parameters: dict[str, str]
     notes: int = 0  #: added afterwards
 
+    @property
+    def rig_as_text(self) -> str:
+        """The rig, with a mark if it was simulated: a rehearsal of a real rig has the name of this rig."""
+        return f"{self.rig} (simulated)" if self.circumstances.startswith("SIMULATED") else self.rig
+
 
 class KeptCheck(msgspec.Struct, frozen=True, kw_only=True):
     """One check of one run. Value and limits are in SI, and ``scale`` is the SI value of one ``unit``."""

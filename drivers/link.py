@@ -111,7 +111,7 @@ class Link:
             text += "; valves and actuators have no power"
         tripped = self.table.tripped(self.readings.value_or_nan("rig.tripped"))
         if tripped is not None:
-            text += f", first limit tripped by {self.readings.show(tripped.name)}"
+            text += f", first limit tripped by {self.readings.show(tripped.name).replace(' = ', ', now ')}"
             if self.readings.sample(tripped.name).quality is Quality.UNAVAILABLE:
                 text += " (its transducer gives no value; repair it)"
         return "; ".join(filter(None, (text, self.strangers(), self.rejected())))

@@ -151,7 +151,7 @@ def _list_runs(runs: "list[KeptRun]", folder: Path) -> None:
             began,
             plan_words,
             one.serial_number,
-            one.rig,
+            one.rig_as_text,
             one.operator,
             str(one.notes or ""),
         )

@@ -83,8 +83,8 @@ VALVES: Final = (
     *(f"air.{side}_{what}" for side in SIDES for what in ("mode", "reservoir")),
     "air.dpv",
 )
-#: Kinds of limit that judge the reading itself, and report it in its steps.
-_IN_STEPS: Final = (LimitKind.LOWER, LimitKind.UPPER)
+#: For limits that judge the reading itself: on which side of the limit it trips. The rig reports it in its steps.
+_SIDE: Final = {LimitKind.LOWER: "below", LimitKind.UPPER: "above"}
 
 
 class KeyReading(msgspec.Struct, frozen=True):
@@ -359,6 +359,8 @@ def first_out(readings: Readings) -> str:
         return ""
     kind, steps = readings.glimpse("rig.tripped_kind"), readings.glimpse("rig.tripped_value")
     limit = LimitKind(round(kind)) if kind > 0 else LimitKind.NONE
-    where = f"at {tripped.show(steps * tripped.step)}" if limit in _IN_STEPS and not np.isnan(steps) else ""
-    name = limit.name.lower() if limit else ""
-    return " ".join(filter(None, (tripped.name.replace(".", " ").replace("_", " "), name, "limit", where)))
+    name = tripped.name.replace(".", " ").replace("_", " ")
+    if limit in _SIDE:
+        value = "" if np.isnan(steps) else f", at {tripped.show(steps * tripped.step)}"
+        return f"{name} {_SIDE[limit]} its {limit.name.lower()} limit{value}"
+    return f"{name} {limit.name.lower() if limit else ''} limit".replace("  ", " ")

@@ -108,7 +108,7 @@ def _course(signal: Signal, past: npt.NDArray[np.int16], start: float, end: floa
     there = (past.size - 1 - np.flatnonzero(away)[-1]) / FAST_RATE if away.any() else 0.0
     if there >= 0.5:
         level = f"{_value_as_text(signal, end)} for {there:.1f} s"
-        return f"{named(signal.name)} was {level} (before: {_value_as_text(signal, start)})"
+        return f"{named(signal.name)} was {level}, and {_value_as_text(signal, start)} earlier"
     return f"{named(signal.name)} went from {_value_as_text(signal, start)} to {_value_as_text(signal, end)} in {since}"
 
 

@@ -205,8 +205,11 @@ def test_invalid_requests_of_a_page_are_refused(served, parts):
     [
         ({}, ""),
         ({"rig.tripped": 0.0}, ""),
-        (("left.height", 2.0, 9120.0), "left height upper limit at 91.2 mm"),
-        (("left.bellows_pressure", 1.0, -1100.0), "left bellows pressure lower limit at -0.55 bar"),
+        (("left.height", 2.0, 9120.0), "left height above its upper limit, at 91.2 mm"),
+        (
+            ("left.bellows_pressure", 1.0, -1100.0),
+            "left bellows pressure below its lower limit, at -0.55 bar",
+        ),
         (("lateral.force", 5.0, 20.0), "lateral force timeout limit"),
     ],
 )

@@ -67,7 +67,10 @@ export function show(element, panel) {
       mark.checked ? marked.add(run.directory) : marked.delete(run.directory);
       pair();
     });
-    const set = Object.entries(run.parameters).map(([parameter, value]) => `${parameter} ${value}`).join(", ");
+    const set = [
+      ...Object.entries(run.parameters).map(([parameter, value]) => `${parameter} ${value}`),
+      ...(run.circumstances.startsWith("SIMULATED") ? ["simulated"] : []),
+    ].join(", ");
     const open = run.verdict === "running" ? name(run.directory) : make("a", { href: `/kept/report?run=${encodeURIComponent(run.directory)}`, target: "_blank" }, name(run.directory));
     return {
       cells: [
