@@ -214,6 +214,7 @@ def compare_command(a: Path, b: Path, page: Path | None, as_json: bool) -> None:
         print_json(found)
         return
     console = open_console()
+    console.print(f"A = {a}, B = {b}", soft_wrap=True)
     facts = open_table("different conditions", "", "A", "B", whole=("",))
     for fact in found.facts:
         facts.add_row(fact.what.replace("_", " "), fact.a, fact.b)

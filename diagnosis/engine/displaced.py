@@ -40,7 +40,7 @@ from diagnosis.engine.search_state import Problem, SearchResult
 from diagnosis.engine.trials import current_model
 from diagnosis.engine.verdict import Judgement, judge
 
-INSTEAD: Final = "the model without it predicts the select runs better"
+INSTEAD: Final = "the model without it predicts the validation runs better"
 
 
 def without_substitutes(problem: Problem, first: Judgement) -> Judgement:
