@@ -62,19 +62,25 @@ def follows(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicab
         share = float(np.sqrt(value / (y @ y)))
         ends = "the start and the end" if name == "time" else f"low and high {input_name(name)}"
         how = {
-            "linear": f"has a part proportional to {input_name(name)}",
-            "even": f"has a part that is similar at {ends}",
+            "linear": f"has a part proportional to {_with_rate(name)}",
+            "even": f"has a part with the same sign at {ends}",
             "odd": f"has a part that is not linear in {input_name(name)}",
         }[parity]
         return Evidence(
             statistic=value,
             p=bonferroni(p, len(residuals.inputs)),
-            sentence=f"the error of {residuals.channels[c].name} {how} (correlation {share:.2f})",
+            sentence=f"the error of {residuals.channels[c].name} {how} "
+            f"(correlation after the noise filter: {share:.2f})",
             points_to=DRIFTS if name == "time" else POINTS_TO[parity],
             draw=lambda: _over_input(residuals, c, name),
         )
 
     return test
+
+
+def _with_rate(name: str) -> str:
+    """Return an input and its rate of change as text; both are tested together."""
+    return "time" if name == "time" else f"{input_name(name)} or its rate of change"
 
 
 def _over_input(residuals: Residuals, c: int, name: str) -> Figure:
@@ -121,7 +127,7 @@ def rings(parity: Parity) -> Callable[[Residuals, int], Evidence | NotApplicable
             statistic=value,
             p=bonferroni(p_of_chi2(value, freedom), len(sines)),
             sentence=f"the error of {channel.name} has a part of {sizes[largest] / channel.scale:.3g} {unit} at "
-            f"{orders[largest]} times the frequency of {input_name(sine.signal)} ({sine.frequency:.3g} Hz)",
+            f"{orders[largest]} times {sine.frequency:.3g} Hz, the frequency of {input_name(sine.signal)}",
             points_to=POINTS_TO[parity],
             draw=lambda: _spectrum(residuals, c, sine),
         )

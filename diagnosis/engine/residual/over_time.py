@@ -9,7 +9,7 @@ import numpy as np
 from diagnosis.contracts import Array
 from diagnosis.engine.config import DRIFT_BLOCKS, LEAST_SAMPLES, LJUNG_BOX_LAGS
 from diagnosis.engine.p_values import bonferroni, p_of_chi2
-from diagnosis.engine.residual.residuals import Evidence, NotApplicable, Residuals
+from diagnosis.engine.residual.residuals import Evidence, NotApplicable, Residuals, input_name
 from diagnosis.estimates import numbers
 from diagnosis.finding import Figure, Series
 
@@ -111,12 +111,14 @@ def drift(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     channel, seconds = residuals.channels[c], white.size * residuals.step / blocks
     sums, counts = _blocks(_unmoved(residuals, c, residuals.residual[:, c]), blocks)
     means = np.divide(sums, counts, out=np.full(blocks, np.nan), where=counts > 0) / channel.scale
-    unit = channel.display or channel.unit
+    unit, name = channel.display or channel.unit, residuals.partner(c)
+    without = f" without the part that depends on {input_name(name)}" if name else ""
+    without = " without a fitted curve over time" if name == "time" else without
     return Evidence(
         statistic=value,
         p=bonferroni(p, len(DRIFT_BLOCKS)),
-        sentence=f"the error of {channel.name}, averaged over {seconds:.2g} s, varies from {np.nanmin(means):.3g} to "
-        f"{np.nanmax(means):.3g} {unit}",
+        sentence=f"the error of {channel.name}{without}, averaged over {seconds:.2g} s, varies from "
+        f"{np.nanmin(means):.3g} to {np.nanmax(means):.3g} {unit}",
         points_to=DRIFTS,
         draw=lambda: Figure(
             kind="points",

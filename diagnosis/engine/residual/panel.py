@@ -34,9 +34,9 @@ Test = Callable[[Residuals, int], Evidence | NotApplicable]
 TESTS: Final[tuple[tuple[str, str, Test], ...]] = (
     ("size", "error larger than the noise", over_time.size),
     ("memory", "error correlated in time", over_time.memory),
-    ("drift", "error drifts over time", over_time.drift),
-    ("linear", "error proportional to an input", over_inputs.follows("linear")),
-    ("even", "error similar at low and high input", over_inputs.follows("even")),
+    ("drift", "error drifts over time (without its input part)", over_time.drift),
+    ("linear", "error proportional to an input or its rate", over_inputs.follows("linear")),
+    ("even", "error has the same sign at low and high input", over_inputs.follows("even")),
     ("odd", "error not linear in an input", over_inputs.follows("odd")),
     ("even harmonics", "error at 2, 4 or 6 times the frequency", over_inputs.rings("even")),
     ("odd harmonics", "error at 3, 5 or 7 times the frequency", over_inputs.rings("odd")),
