@@ -41,6 +41,7 @@ class Parameter:
     scale: float = 1.0
     #: The input along which it is a length, or "time". The step of this input between samples limits its resolution.
     along: str = ""
+    title: str = ""  #: in texts; "": the name
 
     @property
     def difference(self) -> float:

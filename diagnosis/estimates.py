@@ -31,7 +31,7 @@ _ERRORS: Final = MappingProxyType(
     {
         ".initial_pressure": "initial pressure error",
         ".initial_temperature": "initial temperature error",
-        ".drag": "viscous error",
+        ".drag": "error in proportion to the speed",
         ".seat": "rounding error",
         "pressure_zero": "pressure zero error",
         "force_zero": "force zero error",

@@ -147,7 +147,7 @@ def _unseen(screening: Screening, model: FittedModel, company: Company, place: i
     else:
         at = ", ".join(_with_unit(p, v) for p, v in zip(effect.shapes, candidate.shapes, strict=True))
         size = f"{smallest / amplitude.scale:.3g} {unit}".rstrip()
-        sentence = f"{in_words(amplitude.name)} from {size}"
+        sentence = f"{_named(amplitude)} from {size}"
         sentence += f" (for {at})" if at else ""
     return Unseen(
         effect=effect.name,
@@ -161,8 +161,12 @@ def _unseen(screening: Screening, model: FittedModel, company: Company, place: i
     )
 
 
+def _named(parameter: Parameter) -> str:
+    return parameter.title or in_words(parameter.name)
+
+
 def _with_unit(parameter: Parameter, value: float) -> str:
-    return f"{in_words(parameter.name)} {value / parameter.scale:.3g} {_unit(parameter)}".rstrip()
+    return f"{_named(parameter)} {value / parameter.scale:.3g} {_unit(parameter)}".rstrip()
 
 
 def _unit(parameter: Parameter) -> str:

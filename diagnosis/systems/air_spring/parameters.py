@@ -44,6 +44,33 @@ SUPPLY: Final = "supply.pressure"
 INITIAL_PRESSURE: Final = 150.0
 INITIAL_TEMPERATURE: Final = 0.2
 
+#: Parameters of effects in words, where the name of the parameter is not clear beside the title of the effect.
+_TITLES: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "maxwell.ratio": "stiffness of the branch / stiffness of the shell",
+        "maxwell.time": "time constant",
+        "maxwell_two.ratio": "stiffness of both branches / stiffness of the shell",
+        "maxwell_two.time_fast": "short time constant",
+        "maxwell_two.time_slow": "long time constant",
+        "maxwell_two.share": "share of the first branch",
+        "fractional.ratio": "stiffness at 1 Hz / stiffness of the shell",
+        "friction.force": "friction limit",
+        "friction_distributed.force": "friction limit",
+        "friction_distributed.share": "share of the element with short travel",
+        "creep.ratio": "creep / deflection",
+        "creep.time": "time constant",
+        "discharge_reynolds.k": "k in C_d = C_d∞/(1 + k/√Re)",
+        "blocked_orifice.share": "reduction of the discharge coefficient",
+        "crosstalk.share": "measured share of the vertical force",
+        "sample_and_hold.hold": "hold (100 %: constant between samples)",
+        "seat_offset.ahead": "lengthwise offset",
+        "load_offset.ahead": "lengthwise offset",
+        "soft_support.softer": "additional compliance of the support",
+        "twisted_seat.force": "change of the force of each load cell",
+        "coupling.error": "relative change of the coupling stiffness",
+        "emergency_compliance.error": "relative change of the compliance",
+    }
+)
 #: Results of sound benches: the amplitude of each effect that their replay imitates, at each point of its grid, and the
 #: overdispersion of its directions.
 SOUND: Final = Path(__file__).with_name("sound_benches.toml")
@@ -312,8 +339,9 @@ def _hypothesis(
             _STEP * amplitude.typical,
             display=amplitude.display,
             scale=amplitude.scale,
+            title=_title(effect, amplitude),
         ),
-        tuple(_shape(shape) for shape in effect.shapes),
+        tuple(_shape(effect, shape) for shape in effect.shapes),
         effect.grid,
         effect.touches,
         confusers,
@@ -333,7 +361,12 @@ def _sound() -> dict[str, dict[str, Any]]:
     return tomllib.loads(SOUND.read_text(encoding="utf-8"))
 
 
-def _shape(shape: bench.EffectParameter) -> Parameter:
+def _title(effect: bench.Effect, parameter: bench.EffectParameter) -> str:
+    """Return a parameter of an effect in words; "" if its name is clear."""
+    return _TITLES.get(f"{effect.name}.{parameter.name}", "")
+
+
+def _shape(effect: bench.Effect, shape: bench.EffectParameter) -> Parameter:
     """Return a shape parameter. Its standard deviation is a quarter of the range (of the logarithm, if logarithmic)."""
     width = shape.nominal * log(shape.high / shape.low) if shape.logarithmic else shape.high - shape.low
     return Parameter(
@@ -346,6 +379,7 @@ def _shape(shape: bench.EffectParameter) -> Parameter:
         logarithmic=shape.logarithmic,
         display=shape.display,
         scale=shape.scale,
+        title=_title(effect, shape),
     )
 
 
