@@ -353,11 +353,11 @@ def _remains(data: Dataset, judgement: Judgement, left: Remainder) -> list[str]:
     screening = judgement.screened.screening
     sentences = []
     if open_ := [
-        f"{screening.candidates[i].effect.title} ({screening.z[i]:.1f})" for i in screening.exceeding
+        f"{screening.candidates[i].effect.title} ({screening.z[i]:.2f})" for i in screening.exceeding
     ]:
         sentences.append(
-            f"These effects may also be present, because their scores in the final model are above the threshold of "
-            f"{screening.threshold:.1f}: {'; '.join(open_)}."
+            f"These effects may also be present, because their scores in the final model are above its threshold of "
+            f"{screening.threshold:.2f}: {'; '.join(open_)}."
         )
     if not judgement.model.converged:
         sentences.append("The fit of the last model did not converge; its intervals are not reliable.")

@@ -158,8 +158,8 @@ def explains_too_little(
         return ""
     name = replay.simulator.channels[channel].name
     if gained <= 0.0:
-        return f"it does not reduce the error of {name}, where it acts most"
-    return f"it reduces the error of {name}, where it acts most, by only {percent(gained)}"
+        return f"it acts most on {name}, but does not reduce the error of this signal"
+    return f"it acts most on {name}, but reduces the error of this signal by only {percent(gained)}"
 
 
 def noise_floors(channels: Sequence[Channel], runs: Sequence[MeasuredRun], noise: Noise) -> Array:

@@ -165,7 +165,9 @@ def _still_scores(name: str, beside: Screening, why: str) -> str:
     score = float(beside.z[beside.best(name)])
     if score <= beside.threshold:
         return EXPLAINED
-    present = f"may still be present (score in the final model: {score:.1f})"
+    present = (
+        f"may still be present (score in the final model: {score:.2f}, its threshold: {beside.threshold:.2f})"
+    )
     return f"{why}. It {present}" if why else f"it {present}"
 
 
