@@ -383,12 +383,12 @@ def _next_step(found: Finding, beside: Conclusions) -> str:
 
 
 def _why_this_run(found: Finding) -> str:
-    """Return the begin of the sentence on a run that distinguishes the first cause from similar effects."""
+    """Return the beginning of the sentence on a run that distinguishes the first cause from similar effects."""
     clear = found.causes and found.verdict is not Verdict.AMBIGUOUS and not found.suspected
     if not clear or any(one.laws for one in found.causes):
         return "Make this run next"
     what = f'"{found.causes[0].title}"' if found.causes[1:] else "the cause"
-    return f"This run distinguishes {what} from similar effects"
+    return f"To confirm {what}, measure (if the data do not contain such a run)"
 
 
 def _with_size(one: Cause | Rival | Suspect) -> str:
