@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench_records.plots import ALARM, HAIR, INK, PALETTE, SHADE, SOFT, heading, panel, style, svg
-from bench_records.typography import fixed
+from bench_records.typography import fixed, significant
 from diagnosis.contracts import Array
 from diagnosis.finding import Confusability, Figure, Gain, PanelRow, Score, Series, Trace
 
@@ -29,6 +29,8 @@ CAUSE, CAUSES, FUNCTION, MODEL = (
 )
 #: Rows and columns that a drawing has room for.
 MOST_SCORES = 24
+#: In a larger map of similarities, the cells are too small for numbers.
+MOST_NUMBERS = 24
 
 
 def values(numbers: Sequence[float | None]) -> Array:
@@ -42,7 +44,17 @@ def trace_curves(name: str, trace: Trace, names: tuple[str, str]) -> str:
         figure, axes = panel(2.25, width=4.72, left=0.66, right=0.12, bottom=0.48, top=0.30)
         times = np.array(trace.times)
         # A wide pale band: it shows on both sides of a line that runs along it.
-        axes.plot(times, values(trace.measured), color=MEASURED, linewidth=4.0, label="measured")
+        measured = values(trace.measured)
+        sparse = np.isfinite(measured).sum() < 0.5 * measured.size  # single samples have no line
+        axes.plot(
+            times,
+            measured,
+            "o" if sparse else "-",
+            color=MEASURED,
+            linewidth=4.0,
+            markersize=4,
+            label="measured",
+        )
         if names[0] != names[1]:
             axes.plot(
                 times, values(trace.before), color=BEFORE, linewidth=1.1, dashes=(4, 1.6), label=names[0]
@@ -137,7 +149,8 @@ def score_points(name: str, scores: Sequence[Score], threshold: float) -> str:
         _plain_log(axes, "x")
         axes.set_yticks(range(len(shown)), [s.title for s in shown], color=INK)
         axes.set_ylim(len(shown) - 0.4, -0.6)
-        heading(axes, "Scores", "", what=f"filled: cause; dashed line: threshold {threshold:.2f}")
+        title = "Scores" if len(shown) == len(scores) else f"{len(shown)} largest scores"
+        heading(axes, title, "", what=f"filled: cause; dashed line: threshold {threshold:.2f}")
         return _sized(svg(figure, name), labels + 4.15)
 
 
@@ -177,7 +190,8 @@ def panel_map(name: str, rows: Sequence[PanelRow]) -> str:
 
 
 def cosine_map(name: str, confusability: Confusability, titles: Mapping[str, str]) -> str:
-    """Draw the cosines between the footprints of all effects; those above 0.9 have a number.
+    """Draw the cosines between the footprints of all effects; those above 0.9 have a number, unless there
+    are more than `MOST_NUMBERS` effects.
 
     ``titles`` has the name of each effect. The columns have the numbers of the rows.
     """
@@ -199,7 +213,7 @@ def cosine_map(name: str, confusability: Confusability, titles: Mapping[str, str
                     axes.add_patch(_cell(j, i, SHADE))
                     continue
                 axes.add_patch(_cell(j, i, colors(min(cosine, 1.0) ** 2)))
-                if cosine > 0.9:
+                if cosine > 0.9 and len(effects) <= MOST_NUMBERS:
                     text = f"{cosine:.2f}".lstrip("0")
                     axes.text(j, i, text, ha="center", va="center", fontsize=6.5, color="white")
         _name_cells(axes, numbers, rows, rotation=0)
@@ -249,8 +263,11 @@ def panel_figure(name: str, title: str, figure: Figure) -> str:
             axes.set_yscale("log")
             _plain_log(axes, "y")
         heading(axes, title, "", what="")
-        axes.set_xlabel(figure.x_label, loc="right")
-        axes.set_ylabel(figure.y_label, loc="top")
+        axes.set_xlabel(_small(figure, "x")[1], loc="right")
+        beside = axes.set_ylabel(
+            _small(figure, "y")[1] if figure.kind == "map" else figure.y_label, loc="top"
+        )
+        beside.set_fontsize(float(beside.get_fontsize()) * min(1.0, 36 / len(beside.get_text() or " ")))
         if 1 < len(figure.series) <= 6 and figure.kind != "map":
             _legend(axes)
         return svg(drawing, name)
@@ -268,10 +285,15 @@ def _series(axes: Axes, figure: Figure, series: Series, color: str) -> None:
     elif figure.kind == "lines":
         axes.plot(x, y, color=color, linewidth=1.0, label=series.name)
     elif figure.kind == "cloud":
-        axes.plot(x, y, ".", color=color, markersize=2.2, alpha=0.5, markeredgewidth=0)
+        axes.plot(
+            x * _small(figure, "x")[0], y, ".", color=color, markersize=2.2, alpha=0.5, markeredgewidth=0
+        )
     elif figure.kind == "map":
         z = values(series.z)
-        x, y = _even(axes.xaxis, x, 4), _even(axes.yaxis, y, 6)
+        x, y = (
+            _even(axes.xaxis, x * _small(figure, "x")[0], 4),
+            _even(axes.yaxis, y * _small(figure, "y")[0], 6),
+        )
         reach = float(np.nanmax(np.abs(z))) if z.size else 1.0
         shown = axes.scatter(
             x,
@@ -292,21 +314,37 @@ def _series(axes: Axes, figure: Figure, series: Series, color: str) -> None:
         axes.plot(x, y, "o", color=color, markersize=4.5, markeredgecolor="white", label=series.name)
 
 
+def _small(figure: Figure, axis: str) -> tuple[float, str]:
+    """Return the factor and the label of an axis of a map or cloud: mm instead of m for lengths and speeds below
+    0.1.
+    """
+    label = figure.x_label if axis == "x" else figure.y_label
+    sizes = [abs(n) for one in figure.series for n in (one.x if axis == "x" else one.y) if n is not None]
+    quantity, _, unit = label.rpartition(" in ")
+    if figure.kind not in {"map", "cloud"} or unit not in {"m", "m/s"} or max(sizes, default=1.0) >= 0.1:
+        return 1.0, label
+    return 1e3, f"{quantity} in m{unit}"
+
+
 def _even(axis: Axis, places: Array, ticks: int) -> Array:
     """Return equidistant positions for the values of a map axis, and label the ticks with the values, which are not
     equidistant.
     """
     known = np.unique(places[np.isfinite(places)])
     step = max(1, -(-known.size // ticks))
-    axis.set_ticks(np.arange(known.size)[::step], _tick_labels(known)[::step])
+    axis.set_ticks(np.arange(known.size)[::step], _tick_labels(known[::step]))
     return np.searchsorted(known, places).astype(np.float64)
 
 
 def _tick_labels(numbers: Array) -> list[str]:
-    """Return numbers as text with the decimals that their range requires. Numbers that round to 0 are "0"."""
+    """Return numbers as text with the decimals that their range requires, or with two significant digits if some would
+    be equal. Numbers that round to 0 are "0".
+    """
     reach = float(np.ptp(numbers)) if numbers.size else 0.0
     decimals = max(0, 1 - math.floor(math.log10(reach))) if reach > 0.0 else 3
     rounded = [round(float(n), decimals) for n in numbers]
+    if len(set(rounded)) < len(rounded):
+        return [significant(float(n), 2) for n in numbers]
     return [fixed(n, decimals) if n else "0" for n in rounded]
 
 

@@ -86,9 +86,10 @@ _TERMS: Final = (
     ("noise", "scatter of a measured signal that no model can predict (RMS)"),
     (
         "score",
-        "size of an effect in the error of the base model, divided by the standard deviation of this size",
+        "size of an effect in the error of a model, divided by the standard deviation of this size; the base model is "
+        "meant if no other is stated",
     ),
-    ("threshold", "chance alone hardly ever gives a larger score"),
+    ("threshold", "chance alone hardly ever gives a larger score; each model has its own threshold"),
     ("final model", "the model with the causes, if any"),
 )
 _DOUBTFUL: Final = Markup("<b>Doubtful:</b> ")
@@ -267,7 +268,7 @@ def _detectable(unseen: Sequence[Unseen]) -> Markup:
     return section(
         "Smallest detectable effects",
         "An effect that was not found may still exist. If its size is at least the value in this table, these runs "
-        "show it in 95 of 100 cases. The equation of an effect defines its parameters."
+        "show it in 95 of 100 cases."
         if sized
         else "",
         table("effect | detectable size", sized),
@@ -291,7 +292,9 @@ def _gain(finding: Finding) -> Markup:
         f"{'these runs' if runs[1:] else 'this run'}.",
         table(heads, (_gain_row(one, both=both) for one in above)),
         caption(
-            f"The errors of {quiet} other signal{'s are' if quiet > 1 else ' is'} at the noise."
+            f"The errors of {'all' if len(above) < 2 else 'the other'} {quiet} signals are at the noise."
+            if quiet > 1
+            else "The error of one other signal is at the noise."
             if quiet
             else ""
         ),
@@ -404,13 +407,13 @@ def _tests(finding: Finding) -> Iterator[Markup]:
     yield section(
         "Tested effects",
         f"{len({one.effect for one in finding.scores})} effects were tested. In {percent(finding.alpha)} of diagnoses, "
-        "chance alone gives a score above the threshold.",
+        "chance alone gives a score above the threshold. The figure shows scores in the base model.",
         drawing(drawings.score_points("scores", finding.scores, finding.threshold)),
         subheading("Effects above the threshold that were not accepted") if rejected else "",
         table("effect | score :n | reason", rejected),
         caption(
-            "A score assumes a small effect. So effects with equal scores can be similar when small, and differ in "
-            "their fits."
+            "Scores are calculated for small effects. Effects with equal scores can act alike when small, but not when "
+            "large."
             if len({shown(score) for _, score, _ in rejected}) < len(rejected)
             else ""
         ),
@@ -436,7 +439,9 @@ def _tests(finding: Finding) -> Iterator[Markup]:
         drawing(drawings.panel_map("panel", finding.panel)),
         caption(
             "Each row is a test, and each column a signal. Orange: the test finds an error; the darker, the clearer. "
-            "Grey: chance can explain the error. Dot: the test does not apply."
+            "Grey: chance can explain the error. Dot: the test does not apply. Most tests examine the error after the "
+            "filter that makes the noise white, and after subtraction of other parts. So their results can differ from "
+            "the figures, which show the error itself."
         ),
         table("clearest results | run :u words | typical causes :u words", rows),
         pairs(drawings.panel_figure(f"panel{place}", *one) for place, one in enumerate(drawn)),
@@ -456,12 +461,15 @@ def _limits(finding: Finding) -> Iterator[Markup]:
             if not one.separable:
                 alike.setdefault(titles[one.first], []).append(titles[one.second])
         rows = [(first, "; ".join(others)) for first, others in alike.items()]
+        few = len(finding.confusability.effects) <= drawings.MOST_NUMBERS
+        numbers = " The numbers are similarities above 0.9." if few else ""
         yield section(
             "What these runs can distinguish",
-            "Two effects in a dark field change the measured values in nearly the same way. A similarity of 1 means "
-            "that no method can distinguish them. The numbers are similarities above 0.9.",
+            "Two effects in a dark field change the measured values in nearly the same way. If their similarity is "
+            "nearly 1, small effects cannot be distinguished; larger ones may be." + numbers,
             drawing(drawings.cosine_map("cosines", finding.confusability, titles)),
             subheading("Effects that look alike at their expected sizes") if rows else "",
+            caption("Each pair is listed once. Effects of other sizes may be distinguished." if rows else ""),
             table("effect | similar effects", rows),
         )
     expected = {(one.name, one.run): one for one in finding.imitations}
