@@ -13,6 +13,7 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any, Final, cast
 
 from astb.rig_in_memory import RigInMemory
+from bench_protocol.entries import Span
 from bench_protocol.input_limits import read_toml
 from bench_protocol.named_files import place_of
 from bench_protocol.units import UNITS
@@ -65,15 +66,15 @@ def new_specimen(
     Raises ValueError with name, value and correct form.
     """
 
-    def read(option: str, texts: Sequence[str], units: Mapping[str, str] | None) -> dict[str, float]:
+    def read(option: str, texts: Sequence[str], spans: Mapping[str, Span] | None) -> dict[str, float]:
         found = {}
         for text in texts:
             name, _, value = text.partition("=")
-            if units is not None and name not in units:
+            if spans is not None and name not in spans:
                 raise SpecimenError(
-                    f"{option} {name} is not a property of a drawing; the properties are {', '.join(units)}"
+                    f"{option} {name} is not a property of a drawing; the properties are {', '.join(spans)}"
                 )
-            found[name] = read_written(f"{option} {name}", value, units[name] if units else "N")
+            found[name] = read_written(f"{option} {name}", value, spans[name].si if spans else "N")
             if not found[name] > 0.0:
                 raise SpecimenError(f"{option} {text}: the value must be more than 0")
         return found
@@ -102,7 +103,7 @@ def derive(asked: Asked, target: Path, say: Callable[[str], None]) -> list[str]:
         for place, measured in _measured(name, spring, model, asked.drawing):
             found.setdefault(place, []).append(measured)
     for key, value in asked.drawing.items():
-        content["properties"][key] = _value(value, DRAWING[key], "assumed", _GIVEN)
+        content["properties"][key] = _value(value, DRAWING[key].si, "assumed", _GIVEN)
     left_out: list[str] = []
     for case in changed:
         entries, load_then = content["load_case"][case], base.loads[case]

@@ -11,29 +11,21 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from math import hypot
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
-from bench_protocol.entries import EntryError, as_table, read_entry, refuse_unknown
+from bench_protocol.entries import EntryError, Span, as_table, read_plausible, refuse_unknown
 from bench_protocol.named_files import ORDINARY_RIG, label, read_named
 from bench_protocol.signals import Group
 from bench_protocol.suggestion import did_you_mean
 from bench_protocol.table_signals import BY_GROUP, FURTHER
-from bench_protocol.units import UNITS
 from bench_protocol.words import SIDES
 
 #: Package of the named files of dimensions.
 PACKAGE: Final = "dimensions"
 
 
-class Span(NamedTuple):
-    """The SI unit of a dimension, and its plausible range for a railway bench."""
-
-    si: str
-    low: float
-    high: float
-
-
-#: Table ``dimension``: scalars of the rig. Heights above a point may be negative. Gravity is that of the Earth.
+#: Table ``dimension``: scalars of the rig, each with its plausible range for a railway bench. Heights above a point may
+#: be negative. Gravity is that of the Earth.
 SPANS: Final = {
     "bolster_mass": Span("kg", 10.0, 50e3),
     "gravity": Span("m/s2", 9.76, 9.84),
@@ -269,26 +261,11 @@ def _three(where: str, raw: Any, span: Span) -> list[Dimension]:
 
 
 def _dimension(where: str, raw: Any, span: Span) -> Dimension:
-    entry = read_entry(where, raw, span.si, _SHAPES)
-    value = entry.si()
-    if not span.low <= value <= span.high:
-        value_, unit = entry.parts["value"], entry.unit
-        raise EntryError(f"{where} = {value_:g} {unit} is not plausible; {_plausible(value_, span)}")
+    entry = read_plausible(where, raw, span, _SHAPES)
     off = entry.si("uncertainty") if "uncertainty" in entry.parts else 0.0
     if not 0.0 <= off <= 0.5 * (span.high - span.low):
         raise EntryError(
             f"{where}.uncertainty = {entry.parts['uncertainty']:g} {entry.unit} is not plausible; use "
             f"0 to {0.5 * (span.high - span.low):g} {span.si}"
         )
-    return Dimension(value, off, entry.provenance, entry.source)
-
-
-def _plausible(value: float, span: Span) -> str:
-    """Return the range as text, with another unit in which ``value`` would be inside it."""
-    fitting = [
-        name
-        for name, unit in UNITS.items()
-        if unit.si == span.si and span.low <= value * unit.factor <= span.high
-    ]
-    hint = f"; {value:g} {fitting[0]} is plausible: check the unit" if fitting else ""
-    return f"use {span.low:g} to {span.high:g} {span.si}{hint}"
+    return Dimension(entry.si(), off, entry.provenance, entry.source)

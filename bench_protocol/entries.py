@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from bench_protocol.suggestion import did_you_mean
 from bench_protocol.units import UNITS, Unit
@@ -17,6 +17,14 @@ VALUE: Final = ("value",)
 
 class EntryError(ValueError):
     """An entry is invalid. The message has its key, its value with the unit, and the remedy, but not the file."""
+
+
+class Span(NamedTuple):
+    """The SI unit of a quantity, and its plausible range."""
+
+    si: str
+    low: float
+    high: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,11 +57,7 @@ def read_entry(
     Without ``si`` any unit is accepted. Raises EntryError for any other entry.
     """
     parts = as_table(key, raw)
-    if set(parts) - {*_ORIGIN} not in [set(shape) for shape in shapes] or not set(_ORIGIN) <= set(parts):
-        right = " or ".join(", ".join(shape) for shape in shapes)
-        raise EntryError(
-            f"{key} has {', '.join(parts) or 'no keys'}; it needs {right}, and {', '.join(_ORIGIN)}"
-        )
+    _check_keys(key, parts, shapes)
     unit = units.get(str(parts["unit"]))
     if unit is None or unit.si != (si or unit.si):
         value = next(one for part, one in parts.items() if part not in _ORIGIN)
@@ -71,11 +75,45 @@ def read_entry(
     return FileEntry(key, parts, str(parts["unit"]), unit.factor, parts["provenance"], str(parts["source"]))
 
 
+def read_plausible(key: str, raw: Any, span: Span, shapes: Collection[Sequence[str]] = (VALUE,)) -> FileEntry:
+    """Return the entry ``raw``, as `read_entry` does. Raises EntryError for a value outside its range, too."""
+    entry = read_entry(key, raw, span.si, shapes)
+    value, unit = entry.parts["value"], entry.unit
+    if not span.low <= entry.si() <= span.high:
+        fitting = [
+            name
+            for name, one in UNITS.items()
+            if one.si == span.si and span.low <= value * one.factor <= span.high
+        ]
+        hint = f"; {value:g} {fitting[0]} is plausible: check the unit" if fitting else ""
+        raise EntryError(
+            f"{key} = {value:g} {unit} is not plausible; use {span.low:g} to {span.high:g} {span.si}{hint}"
+        )
+    return entry
+
+
 def number(key: str, value: Any) -> float:
     """Return ``value`` if it is a finite number. Raises EntryError for any other value."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
         raise EntryError(f"{key} = {value!r} is not a number; write a number without a unit")
     return float(value)
+
+
+def _check_keys(key: str, parts: Mapping[str, Any], shapes: Collection[Sequence[str]]) -> None:
+    """Raise EntryError if an entry does not have the keys of `_ORIGIN` and of exactly one of the ``shapes``."""
+    own = set(parts) - {*_ORIGIN}
+    if own in [set(shape) for shape in shapes] and set(_ORIGIN) <= set(parts):
+        return
+    if unknown := [part for part in parts if part in own and not any(part in shape for shape in shapes)]:
+        why = f"{key}.{unknown[0]} is not a key of this entry"
+    elif missing := [part for part in _ORIGIN if part not in parts]:
+        why = f"{key} has no {' and no '.join(missing)}"
+    elif own:
+        why = f"{key}: {' and '.join(part for part in parts if part in own)} are not a complete value"
+    else:
+        why = f"{key} has no value"
+    right = " or ".join(f"({', '.join(shape)})" if len(shape) > 1 else shape[0] for shape in shapes)
+    raise EntryError(f"{why}; use {right}, with {', '.join(_ORIGIN)}")
 
 
 def as_table(key: str, value: Any) -> Mapping[str, Any]:

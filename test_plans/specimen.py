@@ -15,7 +15,17 @@ from math import sqrt
 from pathlib import Path
 from typing import Any, Final
 
-from bench_protocol.entries import EntryError, FileEntry, as_table, number, read_entry, refuse_unknown
+from bench_protocol.dimensions import SPANS
+from bench_protocol.entries import (
+    EntryError,
+    FileEntry,
+    Span,
+    as_table,
+    number,
+    read_entry,
+    read_plausible,
+    refuse_unknown,
+)
 from bench_protocol.input_limits import Unfit, parse_toml, read_bounded
 from bench_protocol.named_files import named_files, place_of
 from bench_protocol.units import UNITS, bar, kN, mm, mrad
@@ -27,22 +37,29 @@ PACKAGE: Final = "specimens"
 #: Name of the default specimen.
 ORDINARY: Final = "astb"
 
-#: Properties in a drawing, each with its SI unit.
+#: Properties in a drawing, each with its SI unit and its plausible range.
 DRAWING: Final = {
-    "bellows_volume": "m3",
-    "auxiliary_volume": "m3",
-    "effective_area": "m2",
-    "effective_area_slope": "m",
-    "emergency_stiffness_vertical": "N/m",
-    "emergency_stiffness_lateral": "N/m",
+    "bellows_volume": Span("m3", 1e-5, 10.0),
+    "auxiliary_volume": Span("m3", 0.0, 10.0),
+    "effective_area": Span("m2", 1e-4, 10.0),
+    "effective_area_slope": Span("m", -100.0, 100.0),
+    "emergency_stiffness_vertical": Span("N/m", 1e3, 1e11),
+    "emergency_stiffness_lateral": Span("N/m", 1e3, 1e11),
 }
 #: Optional properties in a drawing.
-GROWTH: Final = {"effective_area_growth": "m2/Pa", "area_reference_pressure": "Pa"}
+GROWTH: Final = {
+    "effective_area_growth": Span("m2/Pa", 0.0, 1e-6),
+    "area_reference_pressure": Span("Pa", 0.0, 1e6),
+}
 #: Largest difference between preload and pressure times area, as a fraction of the preload; shell and rubber carry it.
 BORNE_OTHERWISE: Final = 0.05
-#: Properties of the bench for which the limits of roll, track and gust hold, each with its SI unit.
-BENCH: Final = {"spring_half_spacing": "m", "bolster_mass": "kg"}
-LOAD: Final = {"preload": "N", "fill_pressure": "Pa", "roll_load": "N"}
+#: Properties of the bench for which the limits of roll, track and gust hold, each with its SI unit and range.
+BENCH: Final = {name: SPANS[name] for name in ("spring_half_spacing", "bolster_mass")}
+LOAD: Final = {
+    "preload": Span("N", 1.0, 1e7),
+    "fill_pressure": Span("Pa", 1.0, 1e8),
+    "roll_load": Span("N", 0.0, 1e7),
+}
 #: Quantities with limits that hold under any load, each with its SI unit. Limits that only one plan needs are in a
 #: table with the name of that plan.
 LIMITS: Final = {
@@ -276,9 +293,6 @@ def _contradictions(specimen: Specimen) -> Iterator[str]:
     """Yield a text for each pair of entries that contradict each other."""
     for load in specimen.loads.values():
         where, preload = f"load_case.{load.name}", f"preload = {load.preload / kN:g} kN"
-        if load.preload <= 0.0:
-            yield f"{where}.{preload} must be above 0"
-            continue
         area = specimen.area_at(load.fill_pressure)
         borne = load.fill_pressure * area
         right = specimen.pressure_for(load.preload)
@@ -306,11 +320,11 @@ def _contradictions(specimen: Specimen) -> Iterator[str]:
         yield f"the empty car (AW0, {empty:g} kN) must be lighter than the full one (AW3, {full:g} kN)"
 
 
-def _values(where: str, table: Any, known: Mapping[str, str]) -> dict[str, float]:
+def _values(where: str, table: Any, known: Mapping[str, Span]) -> dict[str, float]:
     refuse_unknown(f"{where}.", as_table(where, table), known, _FILE)
     return {
-        name: read_entry(f"{where}.{name}", _needed(f"{where}.", table, name), si).si()
-        for name, si in known.items()
+        name: read_plausible(f"{where}.{name}", _needed(f"{where}.", table, name), span).si()
+        for name, span in known.items()
     }
 
 

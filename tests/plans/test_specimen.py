@@ -78,7 +78,12 @@ def test_the_ordinary_specimen_is_that_of_the_drawing():
         (
             'value = 53.5, unit = "kN"',
             'unit = "kN"',
-            "load_case.AW0.preload has unit, provenance, source; it needs",
+            "load_case.AW0.preload has no value; use value, with unit, provenance, source",
+        ),
+        (
+            "low = -6.0, high = 6.0",
+            "low = -6.0, expected = 6.0",
+            "limits.rest_height: low and expected are not a complete value; use (low, high) or low or high or",
         ),
         (
             "low = -6.0, high = 6.0",
@@ -142,7 +147,10 @@ def test_what_does_not_fit_is_refused_with_file_key_and_value(tmp_path, old, new
             [("value = 8.0, unit", "value = 150.0, unit")],
             "load_case.AW3.roll_load = 150 kN would lift a spring",
         ),
-        ([("value = 53.5,", "value = 0.0,")], "load_case.AW0.preload = 0 kN must be above 0"),
+        (
+            [("value = 53.5,", "value = 0.0,")],
+            "load_case.AW0.preload = 0 kN is not plausible; use 1 to 1e+07 N",
+        ),
         (
             [("[load_case.AW0]", "[load_case.AW9]"), ("[load_case.AW3]", "[load_case.AW0]")]
             + [("load_case.AW0.", "load_case.AW9.")] * 5

@@ -1,8 +1,11 @@
 """Every kind of file refuses the same wrong entries, and takes the same right ones."""
 
+import re
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from bench_protocol.dimensions import DimensionsError, read_dimensions
 from bench_protocol.entries import EntryError, read_entry
@@ -28,7 +31,7 @@ FILES = {
 #: The change of the entry, and the error's text.
 WRONG = {
     "unit": ('unit = "', 'unit = "k', "wrong unit"),
-    "no unit": ("unit = ", "units = ", "it needs"),
+    "no unit": ("unit = ", "units = ", "units is not a key of this entry; use"),
     "provenance": ('provenance = "', 'provenance = "un', "use one of measured, data sheet"),
     "source": ('source = "', 'source = " "  # ', "source is empty"),
     "number": ("value = ", 'value = "x"  # ', "x"),
@@ -79,3 +82,54 @@ def test_what_is_no_finite_number_is_refused(value):
 def test_a_value_is_converted_to_si():
     raw = {"value": 3, "unit": "mm", "provenance": "measured", "source": "tape"}
     assert read_entry("key", raw, "m").si() == pytest.approx(3e-3, rel=1e-15)
+
+
+#: A number of an entry, with its key.
+_STATED = re.compile(r"\b(value|uncertainty|low|high|expected|tolerance) = (-?[0-9.]+)(?=,)")
+#: Every number of the supplied files: kind, file, and place of the number in its text.
+NUMBERS = [
+    (kind, path, found.span(2))
+    for kind, paths in {
+        **{kind: (FILES[kind][2],) for kind in ("dimensions", "instruments", "parameters")},
+        "specimen": named_files("specimens").values(),
+    }.items()
+    for path in paths
+    for found in _STATED.finditer(path.read_text(encoding="utf-8"))
+]
+_BOTH_SIGNS = st.sampled_from((-1.0, 1.0))
+_EXTREME = st.sampled_from((0.0, 5e-324, 1e-30, 1e-9, 1e9, 1e30, 1e300, 1.7e308, float("inf"), float("nan")))
+
+
+def _check_number(kind, path, place, number, folder):
+    """Check that the file with another number is read, or refused with the names of the file and the key."""
+    reader, error, _, _ = FILES[kind]
+    text = path.read_text(encoding="utf-8")
+    begin, end = place
+    mine = folder / "mine.toml"
+    mine.write_text(text[:begin] + repr(number) + text[end:], encoding="utf-8")
+    try:
+        found = reader(mine)
+    except error as refused:
+        assert "mine.toml" in str(refused)
+    else:
+        if kind == "specimen":
+            assert all(found.pressure_for(load.preload) > 0.0 for load in found.loads.values())
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=40)
+@given(st.sampled_from(NUMBERS), _BOTH_SIGNS, _EXTREME | st.floats())
+def test_a_file_with_any_number_is_read_or_refused_by_its_name(tmp_path, entry, sign, number):
+    _check_number(*entry, sign * number, tmp_path)
+
+
+@pytest.mark.parametrize("number", [-1.0, 0.0, 1e300])
+@pytest.mark.parametrize(
+    "key", ["bellows_volume", "effective_area", "emergency_stiffness_lateral", "preload"]
+)
+def test_an_impossible_property_of_a_specimen_is_refused_with_key_and_value(key, number, tmp_path):
+    text = named_files("specimens")["astb"].read_text(encoding="utf-8")
+    changed, count = re.subn(rf"^({key} = {{ value = )[0-9.]+", rf"\g<1>{number}", text, flags=re.MULTILINE)
+    assert count
+    (tmp_path / "mine.toml").write_text(changed, encoding="utf-8")
+    with pytest.raises(SpecimenError, match=rf"mine\.toml: .*{key} = {number:g} .*use ".replace("+", r"\+")):
+        read_specimen(tmp_path / "mine.toml")
