@@ -100,7 +100,9 @@ class FaultNumber:
         if not low * factor - slack <= value <= high * factor + slack:
             raise FaultError(f"{self.name} = {text} is outside {self.span_for(sensor)}")
         if self.whole and value != round(value):
-            raise FaultError(f"{self.name} = {text} is not a whole number; use one")
+            raise FaultError(
+                f"{self.name} = {text} is not a whole number; use one from {self.span_for(sensor)}"
+            )
         return value
 
 
