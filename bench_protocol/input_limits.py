@@ -73,16 +73,21 @@ _DBC_LENGTH: Final = re.compile(rb"\bBO_\s+\d+\s+\w+\s*:\s*(\d+)|:\s*(\d+)\s*\|\
 _DBC_PAGES: Final = re.compile(rb"\bSG_MUL_VAL_[^;]*+")
 _DBC_RANGE: Final = re.compile(rb"(\d+)\s*-\s*(\d+)")
 _WHOLE: Final = 1 << 63
+_NO_QUOTE: Final = "the closing quotation mark of a text is missing; add it"
+_OPEN: Final = "a bracket is not closed; close it"
 #: Beginnings of messages of the parser, and their replacement.
 _TOML: Final = {
     "Cannot": "the key or the table occurs twice; remove one",
     "Duplicate": "the key occurs twice; remove one",
     "Expected newline": "there is text after the value; put a text between quotation marks",
-    "Expected ']": "a bracket is not closed; close it",
+    "Expected ']": _OPEN,
     "Expected '=": "the key has no value; write key = value",
-    "Unclosed": "a bracket is not closed; close it",
+    "Unclosed": _OPEN,
     "Unescaped": "the text contains \\; write \\\\, or put the text between single quotation marks",
-    "Unterminated": "the closing quotation mark of a text is missing; add it",
+    "Unterminated": _NO_QUOTE,
+    'Expected "\'"': _NO_QUOTE,
+    "Illegal character '\\n'": _NO_QUOTE,
+    "Found invalid character '\\n'": _NO_QUOTE,
     "Invalid value": "the value is not valid; write a number, true, false, or a text between quotation marks",
     "Invalid date": "the date is not valid; write it like 2027-02-03",
     "": "the line is not TOML; write key = value, [table] or # comment",
@@ -161,7 +166,15 @@ def _in_words(error: str, text: str) -> str:
     lines = text.rstrip().splitlines() or [""]
     number = min(int(place[1] or len(lines)), len(lines))
     why = next((words for start, words in _TOML.items() if error.startswith(start)), _TOML[""])
+    if error.startswith("Invalid value") and _is_open(text) and _is_open("\n".join(lines[:number])):
+        why = _OPEN
     return f"line {number}, {lines[number - 1].strip()[:60]}: {why}"
+
+
+def _is_open(text: str) -> bool:
+    """Return whether a bracket of a TOML file is not closed."""
+    bare = _TEXT.sub("", text)
+    return any(bare.count(begin) > bare.count(end) for begin, end in ("[]", "{}"))
 
 
 def _check_value(name: str, value: object, depth: int) -> None:
