@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from bench_protocol.input_limits import Unfit, parse_toml, read_bounded
-from bench_protocol.suggestion import did_you_mean
+from bench_protocol.os_errors import named_file_error
 
 #: The folder of these files, in a checkout as well as installed. It holds no module, so it is read without an import
 #: of the package above.
@@ -106,8 +106,7 @@ def read_named(
         return path, hashlib.sha256(text).hexdigest(), parse_toml(text)
     except OSError as error:
         raise refused(
-            f"{kind} {path} cannot be read: {error.strerror}; use a path that ends in .toml, or a name: "
-            f"{did_you_mean(str(name), named_files(kind))}"
+            f"{kind} {name} cannot be read: {named_file_error(error, name, named_files(kind))}"
         ) from None
     except Unfit as error:
         raise refused(f"{kind} {path} {error}") from None

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import MappingProxyType
 from typing import Final
 
+from bench_protocol.suggestion import did_you_mean
 from bench_protocol.text import Unfit
 
 _REMEDIES: Final = MappingProxyType(
@@ -38,6 +39,16 @@ def reason(error: BaseException) -> str:
     text = error_text(error)
     remedy = _REMEDIES.get(getattr(error, "errno", None) or 0)
     return f"{text}; {remedy}" if remedy else text
+
+
+def named_file_error(error: OSError, name: object, names: Iterable[str]) -> str:
+    """Return an error of reading a file that has a name or a path as text with a remedy; ``names`` are the valid ones.
+
+    A text that ends in ``.toml`` is a path.
+    """
+    if str(name).endswith(".toml"):
+        return f"{error_text(error)}; check the path, or use {', '.join(names)}"
+    return f"{error_text(error)}; {did_you_mean(name, names)} (or give a path that ends in .toml)"
 
 
 @contextmanager

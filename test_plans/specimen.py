@@ -28,6 +28,7 @@ from bench_protocol.entries import (
 )
 from bench_protocol.input_limits import Unfit, parse_toml, read_bounded
 from bench_protocol.named_files import named_files, place_of
+from bench_protocol.os_errors import named_file_error
 from bench_protocol.units import UNITS, bar, kN, mm, mrad
 from test_plans.check_names import CheckName
 from test_plans.loads import Band, Limits, Load, SpecimenError, within
@@ -214,8 +215,7 @@ def read_specimen(name: str | Path) -> Specimen:
         content = parse_toml(text)
     except OSError as error:
         raise SpecimenError(
-            f"specimen {name} cannot be read: {path}: {error.strerror}; use {', '.join(packaged())}, "
-            "or a path that ends in .toml"
+            f"specimen {name} cannot be read: {named_file_error(error, name, packaged())}"
         ) from None
     except Unfit as error:
         raise SpecimenError(f"specimen {path} {error}") from None

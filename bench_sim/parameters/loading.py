@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench_protocol import entries, input_limits
-from bench_protocol.os_errors import error_text, reason
+from bench_protocol.os_errors import named_file_error, reason
 from bench_protocol.suggestion import did_you_mean
 from bench_protocol.units import WRITTEN_UNITS
 from bench_protocol.written_values import NotAValue, read_written
@@ -59,9 +59,8 @@ def read_toml(
     try:
         return path, input_limits.read_toml(path)
     except OSError as error:
-        text = error_text(error)
-        text = f"{text}; use {', '.join(sets)}, or a path that ends in .toml" if sets else reason(error)
-        raise ParameterError(f"no {what} {str(name)!r}: {path} cannot be read: {text}") from error
+        text = named_file_error(error, name, sets) if sets else reason(error)
+        raise ParameterError(f"no {what} {str(name)!r}: {text}") from error
     except input_limits.Unfit as error:
         raise ParameterError(f"{path.name} {error}") from error
 

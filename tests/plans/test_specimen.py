@@ -200,7 +200,10 @@ def test_preloads_around_a_load_case_are_parts_of_it(tmp_path):
 
 
 def test_a_missing_file_is_reported_with_the_existing_ones(tmp_path):
-    with pytest.raises(SpecimenError, match=r"nowhere\.toml: No such file or directory; use .*astb"):
+    with pytest.raises(
+        SpecimenError,
+        match=r"nowhere\.toml cannot be read: No such file or directory; check the path, or",
+    ):
         read_specimen(tmp_path / "nowhere.toml")
 
 

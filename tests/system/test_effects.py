@@ -164,9 +164,9 @@ BAD_OPTIONS = {
     "--effect heat=1% --effect heat=2%": "--effect heat is given twice",
     "--effect": "Option '--effect' requires an argument",
     "--model atsb": "no parameter set 'atsb': ",
-    "--model nowhere.toml": "no parameter set 'nowhere.toml': nowhere.toml cannot be read",
+    "--model nowhere.toml": "no parameter set 'nowhere.toml': No such file or directory; check the path",
     "--model rig.toml": "rig.toml: name is outside a section; move it into a [section]",
-    "--sealed nowhere": "no file of effects 'nowhere': nowhere cannot be read",
+    "--sealed nowhere": "no file of effects 'nowhere': No such file",
     "--sealed rig.toml": "rig.toml: the file has name, simulation; use [effect.NAME] tables only",
     "--sealed hidden.toml --effect leak.left=1mm2": "leak.left is already in astb; give it only once",
 }
