@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
+from shlex import quote
 from shutil import rmtree
 from typing import TYPE_CHECKING, Any, Final
 
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 FORMS: Final = (*tables.FORMS, *reading.FORMS)
 #: A key of a map that is a key of `astb import --table`, too.
 _KEY: Final = re.compile(rf"\bfile\.({'|'.join(FileKeys.__struct_fields__)})\b")
+_SET_KEY: Final = re.compile(_KEY.pattern + r' = "([^"]*)"')
 
 
 def export_run(directory: Path, target: Path, rate: float, names: Sequence[str]) -> str:
@@ -99,9 +101,9 @@ def import_file(source: Path, directory: Path, keys: LogKeys | None = None, tabl
 
 def _as_options(text: str) -> str:
     """Return an error message with the options of the import instead of the keys of a map."""
-    return (
-        _KEY.sub(r"--table \1", text).replace("time.unit", "--table time_unit").replace(": time.column:", ":")
-    )
+    text = _SET_KEY.sub(lambda found: f"--table {quote(f'{found[1]}={found[2]}')}", text)
+    text = _KEY.sub(r"--table \1", text).replace(" or thousands", " or --table thousands")
+    return text.replace("time.unit", "--table time_unit").replace(": time.column:", ":")
 
 
 def _refuse_idle_keys(source: Path, keys: LogKeys, table: Sequence[str], frames: bool) -> None:

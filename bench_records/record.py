@@ -152,6 +152,8 @@ def read(directory: Path | str) -> Record:
     path = Path(directory) / PARQUET
     if path.with_name(STREAM).exists():
         return _read_cut_off(path.with_name(STREAM))
+    if not path.parent.exists():
+        raise RecordError(f"{directory} does not exist; check the path")
     if not path.is_file():
         raise RecordError(f"{directory} holds no {PARQUET}; name the folder of a single run")
     try:

@@ -305,7 +305,8 @@ class Timing(msgspec.Struct, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if self.counts and len(self.counts) != len(self.edges) + 1:
             raise ValueError(
-                f"a histogram with {len(self.edges)} edges needs {len(self.edges) + 1} counts, not {len(self.counts)}"
+                f"a histogram with {len(self.edges)} edges needs {len(self.edges) + 1} counts, not {len(self.counts)}: "
+                "one below the first edge, one between each two, and one above the last"
             )
         if list(self.edges) != sorted(set(self.edges)):
             raise ValueError("the edges of a histogram must increase")

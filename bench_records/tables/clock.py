@@ -160,10 +160,7 @@ def _from_text(sheet: Sheet, index: int, keys: FileKeys, account: Account, where
     try:
         found = read_stamps(cells, keys.dates)
     except NotAStamp as error:
-        what = "is not a time like those before it" if error.index else "is not a time"
-        raise RecordError(
-            f'{where}: "{cells[error.index]}" in {sheet.at(error.index)} {what}: {error.hint}'
-        ) from None
+        raise RecordError(f"{where}: {error.text(cells, sheet.at)}") from None
     for sentence in found.remarks:
         account.take(sentence)
     if found.dated:

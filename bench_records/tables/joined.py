@@ -94,6 +94,4 @@ def _of_text(sheet: Sheet, column: Column, keys: FileKeys, where: str) -> Stamps
     try:
         return read_stamps(cells, keys.dates)
     except NotAStamp as error:
-        raise RecordError(
-            f'{where}: "{cells[error.index]}" in {sheet.at(error.index)}, {column.name}: {error.hint}'
-        ) from None
+        raise RecordError(f"{where}: {column.name}: {error.text(cells, sheet.at)}") from None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Final
 
 from bench_records.layout import RecordError
@@ -114,7 +115,7 @@ def numbers(
 def _no_number(sheet: Sheet, index: int, at: int, source: Source, where: str) -> str:
     cell = str(sheet.columns[index].cells[at])[:40]
     keys = (
-        "correct the cell, file.delimiter, file.decimal or thousands"
+        "correct the cell, or give the right file.delimiter, file.decimal or thousands"
         if sheet.delimiter
         else "choose a column of numbers"
     )
@@ -182,10 +183,12 @@ def _separators(
     point: str = source.decimal or "".join(found.certain)[:1] or decimal.point
     if not point:
         if found.open:
-            at = min(found.open.values())
+            separator, at = min(found.open.items(), key=itemgetter(1))
+            cell = str(cells[at])
             raise RecordError(
-                f'{where}: "{cells[at]}" in {sheet.at(at)} may be a thousand or have three decimals; '
-                'give file.decimal = "." or ","'
+                f'{where}: "{cell}" in {sheet.at(at)} may be a thousand or have three decimals; give file.decimal = '
+                f'"{separator}" for {cell.replace(separator, ".")}, or file.decimal = '
+                f'"{"," if separator == "." else "."}" for {cell.replace(separator, "")}'
             )
         point = "."
     other = "," if point == "." else "."

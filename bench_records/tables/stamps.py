@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from datetime import date
 from typing import TYPE_CHECKING, Final, Literal, NamedTuple
 
@@ -54,11 +54,27 @@ class Stamps(NamedTuple):
 
 
 class NotAStamp(Exception):
-    """A cell is not a time stamp. The exception has the index of the cell, and a hint for the message."""
+    """A cell is not a time stamp. The exception has the index of the cell, and a hint for the message.
 
-    def __init__(self, index: int, hint: str = "write times as hh:mm:ss, dates as 2026-03-19") -> None:
-        super().__init__(index, hint)
-        self.index, self.hint = index, hint
+    With ``without_zone``, the cell has a time zone, but the cell with this index has none.
+    """
+
+    def __init__(
+        self,
+        index: int,
+        hint: str = "write times as hh:mm:ss, dates as 2026-03-19",
+        without_zone: int | None = None,
+    ) -> None:
+        super().__init__(index, hint, without_zone)
+        self.index, self.hint, self.without_zone = index, hint, without_zone
+
+    def text(self, cells: Sequence[str | None], at: Callable[[int], str]) -> str:
+        """Return the message; ``at`` returns the place of a cell in the file as text."""
+        cell = f'"{cells[self.index]}" in {at(self.index)}'
+        if self.without_zone is not None:
+            other = f'"{cells[self.without_zone]}" in {at(self.without_zone)}'
+            return f"{cell} has a time zone, but {other} has none; {self.hint}"
+        return f"{cell} is not a time{' like those before it' if self.index else ''}: {self.hint}"
 
 
 def looks_like_a_stamp(text: str) -> bool:
@@ -105,7 +121,7 @@ def read_stamps(cells: Sequence[str | None], dates: Literal["dmy", "mdy"] | None
             remarks.append("the times are minutes and seconds, and continue after each hour")
         return Stamps(*over_midnight(ns, there), dated=False, zoned=False, remarks=remarks)
     days = _Days(cells, dates)
-    zones = set()
+    zones: dict[bool, int] = {}  # the first cell without (True) and with (False) a zone
     for index, cell in enumerate(cells):
         if cell is None:
             continue
@@ -116,13 +132,13 @@ def read_stamps(cells: Sequence[str | None], dates: Literal["dmy", "mdy"] | None
         if of_day > DAY or (found["h"] and not found["s"] and (found["f"] or found["ms"])):
             raise NotAStamp(index)
         offset = _zone(found["zone"])
-        zones.add(offset is None)
+        zones.setdefault(offset is None, index)
         parts[index] = _digits(found)
         ns[index] = days.of(found, index) * DAY + of_day - (offset or 0) * 60 * SECOND
     if len(zones) == 2:
-        raise NotAStamp(0, "some times have a zone and some have none; write all of them in the same form")
+        raise NotAStamp(zones[False], "write all times with a zone, or all without", zones[True])
     ns, remarks = _whole_milliseconds(ns, there, parts)
-    return Stamps(ns, there, dated=days.known, zoned=zones == {False}, remarks=[*days.remarks, *remarks])
+    return Stamps(ns, there, dated=days.known, zoned=False in zones, remarks=[*days.remarks, *remarks])
 
 
 def _span(cell: str, index: int) -> int:

@@ -145,7 +145,7 @@ def test_every_sample_event_and_circumstance_comes_back_from_mdf(run: Path, tmp_
         (
             "a.csv",
             "time_s,left.height [mm]\n0,1\n1,much\n",
-            'left.height [mm]: "much" in line 3 is not a number; correct the cell, --table delimiter, --table decimal',
+            'left.height [mm]: "much" in line 3 is not a number; correct the cell, or give the right --table del',
         ),
         ("a.csv", "time_s,left.height [mm]\n1,1\n0,2\n", "a.csv: the clock falls"),
         ("a.csv", "t,left.height [mm]\n0,1\n", "has no column time_s"),
