@@ -193,9 +193,9 @@ class _Trial:
                 kink = np.linalg.norm(change(-step) + whole, axis=0)
                 if np.any(kink > CURVED * np.maximum(size, kink) + 2.0 * rounding):
                     raise DiagnosisError(
-                        f"{case(-step, step)} has a kink at 0: the two changes should cancel, but their sum is "
-                        f"{_share(kink, size)} of one of them; if only one sign is physical, give the amplitude "
-                        "low=0.0, else make the effect smooth"
+                        f"{case(-step, step)} has a kink at 0: both amplitudes should change the outputs by "
+                        f"opposite amounts, but the sum of both changes is {_share(kink, size)} of one of them; if "
+                        "only one sign is physical, give the amplitude low=0.0, else make the effect smooth"
                     )
         elif np.any(np.linalg.norm(change(ordinary), axis=0) > rounding):
             raise DiagnosisError(

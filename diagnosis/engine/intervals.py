@@ -77,8 +77,8 @@ def _input(experiment: Experiment, name: str) -> Array:
         return experiment.time
     if name not in experiment.inputs:
         raise DiagnosisError(
-            f"a parameter is a length along {name!r}, which is not an input of {experiment.name}; the inputs are time, "
-            f"{', '.join(experiment.inputs)}"
+            f"an effect has a parameter with along = {name!r}, but {experiment.name} has no such input; use one of "
+            f"time, {', '.join(experiment.inputs)}"
         )
     return experiment.inputs[name]
 

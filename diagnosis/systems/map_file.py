@@ -128,12 +128,7 @@ def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]
         mapping = converted(content, Map)
     except Misfits as found:
         raise DiagnosisError("\n".join(f"{map_path}: {text}" for text in found.texts)) from None
-    named = [name for name in (mapping.system, mapping.simulator, simulator) if name is not None]
-    if len(named) != 1:
-        raise DiagnosisError(
-            f"{map_path}: the map names {' and '.join(named) or 'no system'}; name either system = one of {_SYSTEMS}, "
-            "or your own simulator"
-        )
+    _check_one_system(mapping, map_path, simulator)
     own = simulator or mapping.simulator
     folder = map_path.parent if simulator is None else Path.cwd()
     if own is not None and own.lower().endswith(".fmu"):
@@ -145,6 +140,22 @@ def read_map(map_path: Path, simulator: str | None = None) -> tuple[Map, System]
             f'{map_path}: fmu: {own or mapping.system} is not an FMU; write it as simulator = "my.fmu"'
         )
     return mapping, _system(mapping, map_path) if own is None else load_system(own, folder)
+
+
+def _check_one_system(mapping: Map, map_path: Path, simulator: str | None) -> None:
+    """Raise DiagnosisError if map and option ``simulator`` together do not state exactly one system."""
+    given = {
+        "system": mapping.system,
+        "simulator": mapping.simulator,
+        "--simulator": simulator,
+    }
+    named = [f'{key} = "{name}"' for key, name in given.items() if name is not None]
+    if not named:
+        raise DiagnosisError(
+            f"{map_path}: the map has no system; add system = one of {_SYSTEMS}, or name your own simulator"
+        )
+    if len(named) > 1:
+        raise DiagnosisError(f"{map_path}: {' and '.join(named)} exclude each other; keep only one")
 
 
 def plain_map(first: Path, simulator: str) -> tuple[Map, System]:

@@ -168,6 +168,8 @@ def quantity(
         raise DiagnosisError(
             f'{where} = "{text}" does not begin with a number; write it as "12.5 {_example(si)}"'
         ) from None
+    if not unit.strip() and si != "1":
+        raise DiagnosisError(f'{where} = "{text}" has no unit; write it as "{text.strip()} {_example(si)}"')
     factor, zero = conversion(unit.strip() or "1", si, f'{where} = "{text}"', units, relative=relative)
     if not np.isfinite(value):
         raise DiagnosisError(f'{where} = "{text}" must be a finite number')
