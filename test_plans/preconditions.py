@@ -28,7 +28,8 @@ HALL: Final = (ICE + 10 * K, ICE + 35 * K)
 NO_DAY: Final = "a run in virtual time has no date, so due dates are not checked"
 COME_BACK: Final = 1 * minutes
 COLD_FROM_BEFORE: Final = (
-    "gas that an earlier run let out is cold and needs some 5 min to warm up: wait, and start again"
+    "gas that remains in the springs after venting is cold and needs some 5 min to warm up: wait, "
+    "and start again"
 )
 #: Placeholder for the load case that the parameter of this name of the plan gives.
 PARAMETER: Final = "load"
