@@ -73,8 +73,8 @@ def reserve(rig_file: Path, new: Reservation) -> None:
     now = datetime.now(UTC)
     if not (now - _AHEAD < new.start < new.end < now + _AHEAD and now < new.end):
         raise NotReserved(
-            f"a reservation from {new.start.isoformat()} until {new.end.isoformat()} is impossible; it must end "
-            f"after its start, in the future, within {_AHEAD.days} days"
+            f"a reservation from {new.start.isoformat()} until {new.end.isoformat()} is not possible; the end "
+            f"must be after the start and after now, and both within {_AHEAD.days} days from now"
         )
 
     def added(known: list[Reservation]) -> list[Reservation]:

@@ -98,9 +98,8 @@ def _send_order(rig_named: str | None, modbus_port: int | None, order: dict[str,
     try:
         answer: dict[str, Any] = msgspec.json.decode(ask(socket_path, msgspec.json.encode(order)))
     except (FileNotFoundError, ConnectionRefusedError):
-        blocked(
-            f"no rig answers at {socket_path}; start it with `astb rig --rig {path}`, with Modbus on port {port}"
-        )
+        beside = f" --modbus-port {modbus_port}" if modbus_port else ""
+        blocked(f"no rig answers at {socket_path}; start it with `astb rig --rig {path}{beside}`")
     except OSError as error:
         blocked(error)
     if "error" in answer:

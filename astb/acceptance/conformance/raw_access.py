@@ -74,8 +74,9 @@ class ModbusConnection:
         number, protocol, length, _, answered = _HEADER.unpack_from(reply)
         if (number, protocol, length + 6, answered & 0x7F) != (self._number, 0, len(reply), function):
             raise LinkLost(
-                f"the answer to function {function} must have the header of its request, "
-                f"but begins with {reply[:12].hex(' ')}"
+                f"the answer to function {function} begins with {reply[:8].hex(' ')}; return transaction, protocol "
+                f"and function of the request, and the right length: "
+                f"{_HEADER.pack(self._number, 0, len(reply) - 6, unit, function).hex(' ')}"
             )
         if answered & 0x80:
             return Answer(reply[8], b"", took)

@@ -421,7 +421,8 @@ def _point(
     name = f"{name}_{table}_{address}" if name in conventions.twice else name
     if row.bit and (not words or (kind and kind not in ("bit", "uint16")) or scale != 1.0):
         raise WiringError(
-            f"{where}: bit {row.bit} of a {kind or table}; a bit needs a single register, without type and scale"
+            f"{where}: a bit must be in a single input or holding register, without type and scale, but bit "
+            f"{row.bit} has table = {table}, type = {kind or 'none'}, scale = {scale:g}; correct them"
         )
     null = null_of(row.null, kind) if words and not row.bit else ""
     parts = [f'table = "{table}"', f"address = {address}"]
