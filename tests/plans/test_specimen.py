@@ -306,7 +306,7 @@ def test_a_plan_that_takes_its_own_limit_for_another_quantity_is_refused(tmp_pat
     ("old", "new", "told"),
     [
         ('unit = "mm"', 'unit = "ell"', "limits.creep.sag is in 'ell', which is not a known unit"),
-        ("high = 0.5", "hihg = 0.5", "limits.creep.sag has hihg"),
+        ("high = 0.5", "hihg = 0.5", "limits.creep.sag.hihg is not a key"),
         (
             "amplitude_mm = [2.0, 4.0]",
             "amplitude_mm = [4.0, 2.0]",
