@@ -23,7 +23,7 @@ from bench_sim.rig.rig import Rig
 from test_plans.discovery import plans
 from test_plans.execution import execute
 from test_plans.loads import Band, Limits, SpecimenError
-from test_plans.specimen import DRAWING, MODEL, ORDINARY, OVER, PACKAGE, read_specimen
+from test_plans.specimen import DRAWING, LOAD, MODEL, ORDINARY, OVER, PACKAGE, read_specimen
 
 if TYPE_CHECKING:
     from test_plans.specimen import Specimen
@@ -74,9 +74,12 @@ def new_specimen(
                 raise SpecimenError(
                     f"{option} {name} is not a property of a drawing; the properties are {', '.join(spans)}"
                 )
-            found[name] = read_written(f"{option} {name}", value, spans[name].si if spans else "N")
-            if not found[name] > 0.0:
-                raise SpecimenError(f"{option} {text}: the value must be more than 0")
+            span = spans[name] if spans else LOAD["preload"]
+            found[name] = read_written(f"{option} {name}", value, span.si)
+            if not span.low <= found[name] <= span.high:
+                raise SpecimenError(
+                    f"{option} {text} is not plausible; use {span.low:g} to {span.high:g} {span.si}"
+                )
         return found
 
     asked = Asked(base, read("--preload", preloads, None), read("--set", drawing, DRAWING), beside)

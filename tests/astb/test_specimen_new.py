@@ -59,7 +59,12 @@ def test_a_sound_spring_under_another_preload_passes(tmp_path: Path) -> None:
         ),
         (["astb", "mine.toml", "--preload", "AW7=45 kN"], "no load case AW7"),
         (["astb", "mine.toml", "--set", "volume=3 litre"], "--set volume is not a property of a drawing"),
-        (["astb", "mine.toml", "--set", "effective_area=-1 m2"], "more than 0"),
+        (["astb", "mine.toml", "--set", "effective_area=-1 m2"], "effective_area=-1 m2 is not plausible"),
+        (["astb", "mine.toml", "--preload", "AW0=0 kN"], "AW0=0 kN is not plausible"),
+        (
+            ["astb", "mine.toml", "--set", "effective_area_slope=-0.2 m", "--preload", "AW7=45 kN"],
+            "no load case AW7",
+        ),
         (["astb", "mine", "--preload", "AW0=45 kN"], "mine.toml"),
     ],
 )
