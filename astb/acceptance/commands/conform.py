@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from astb.acceptance.conformance.report import Report, ReportError, differences, read_report
+from astb.acceptance.conformance.report import Report, ReportError, differences, read_report, tests_on_both
 from astb.exit_codes import FAIL, PASS, blocked, misuse
 from astb.rig_file import RigFileError, find_rig
 from astb.tables import open_console, open_table, styled
@@ -60,9 +60,14 @@ def conform_command(target: str, other: Path | None, json_path: Path | None, all
     if json_path:
         json_path.write_bytes(report.to_json())
     _show(report)
-    apart = differences(report, there) if there else []
+    apart: list[Difference] = []
     if there:
-        _show_differences(report, there, apart)
+        try:
+            pairs = tests_on_both(report, there)
+        except ReportError as error:
+            misuse(error)
+        apart = differences(pairs)
+        _show_differences(report, there, len(pairs), apart)
     raise click.exceptions.Exit(FAIL if report.wrong or apart else PASS)
 
 
@@ -81,13 +86,14 @@ def _show(report: Report) -> None:
     console.print(f"{len(report.findings)} tests, {len(report.wrong)} failed")
 
 
-def _show_differences(here: Report, there: Report, apart: "list[Difference]") -> None:
+def _show_differences(here: Report, there: Report, compared: int, apart: "list[Difference]") -> None:
     console = open_console()
+    tests = f"{compared} of {len(here.findings)} tests ran on both rigs"
     if not apart:
-        console.print(f"{here.rig} and {there.rig} agree in all tests that ran on both")
+        console.print(f"{tests}: {here.rig} and {there.rig} agree")
         return
     columns = ("group", "test", here.rig, f"{there.rig} (other)")
-    table = open_table(f"{len(apart)} differences", *columns, whole=("group",))
+    table = open_table(f"{tests}: {len(apart)} differences", *columns, whole=("group",))
     for one in apart:
         table.add_row(*one)
     console.print(table)

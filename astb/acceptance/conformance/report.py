@@ -74,20 +74,32 @@ def read_report(path: Path) -> Report:
         ) from None
 
 
-def differences(here: Report, there: Report) -> list[Difference]:
-    """Return the differences between two rigs, in the order of the suite.
+def tests_on_both(here: Report, there: Report) -> list[tuple[Observation, Observation]]:
+    """Return the findings of the tests that ran on both rigs, in the order of the suite.
 
-    Only tests that ran on both rigs are compared.
+    Raises ReportError if there is none, because then nothing is compared.
     """
     others = {(one.group, one.what): one for one in there.findings if one.outcome is not Outcome.SKIPPED}
-    found = []
-    for one in here.findings:
-        other = others.get((one.group, one.what))
-        if other is None or one.outcome is Outcome.SKIPPED:
-            continue
-        if one.outcome is not other.outcome or not _observations_agree(one, other):
-            found.append(Difference(one.group, one.what, one.found, other.found))
-    return found
+    pairs = [
+        (one, others[one.group, one.what])
+        for one in here.findings
+        if one.outcome is not Outcome.SKIPPED and (one.group, one.what) in others
+    ]
+    if not pairs:
+        raise ReportError(
+            f"the report of {there.rig} has no test of this report, so nothing was compared; write both reports with "
+            "the same version of ASTB"
+        )
+    return pairs
+
+
+def differences(pairs: Iterable[tuple[Observation, Observation]]) -> list[Difference]:
+    """Return the differences between two rigs."""
+    return [
+        Difference(one.group, one.what, one.found, other.found)
+        for one, other in pairs
+        if one.outcome is not other.outcome or not _observations_agree(one, other)
+    ]
 
 
 def _observations_agree(one: Observation, other: Observation) -> bool:
