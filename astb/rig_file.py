@@ -50,6 +50,12 @@ class FaultEntry(msgspec.Struct, forbid_unknown_fields=True, frozen=True, rename
     lasting: str | None = None
     values: dict[str, str | int | float] = {}  #: for its parameters, each with its unit
 
+    def __str__(self) -> str:
+        values = [f"{name} = {value}" for name, value in self.values.items()]
+        return ", ".join(
+            [self.name, *values, f"from {self.at}", *([f"for {self.lasting}"] if self.lasting else [])]
+        )
+
 
 class Simulation(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
     """The properties of a simulated rig. A rig file without this table is never simulated and never started."""

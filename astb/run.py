@@ -401,13 +401,16 @@ def describe(session: Session, rig: RigFile) -> dict[str, Any]:
             facts["effects"] = {
                 name: show_effect(name, values) for name, values in session.parameters.effects.items()
             }
-    if rig.simulation is not None and rig.simulation.change:
-        facts["change"] = rig.simulation.change
-    if rig.simulation is not None and rig.simulation.sealed:
-        facts["sealed_effects"] = True
-    if rig.simulation is not None and rig.simulation.spring:
-        spring = Path(rig.simulation.spring)
-        facts["spring"] = {"fmu": spring.name, "sha256": sha256(spring.read_bytes()).hexdigest()}
+    if (simulation := rig.simulation) is not None:
+        if simulation.change:
+            facts["change"] = simulation.change
+        if simulation.faults:
+            facts["faults"] = [str(one) for one in simulation.faults]
+        if simulation.sealed:
+            facts["sealed_effects"] = True
+        if simulation.spring:
+            spring = Path(simulation.spring)
+            facts["spring"] = {"fmu": spring.name, "sha256": sha256(spring.read_bytes()).hexdigest()}
     if not session.virtual:
         facts["date"] = utc_date()
         facts["machine"] = f"{platform.system()} {platform.release()}, Python {platform.python_version()}"

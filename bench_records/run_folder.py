@@ -128,7 +128,7 @@ def circumstances(meta: Mapping[str, Any]) -> list[str]:
     """Return texts on simulation and time of a run from its meta data. The list is empty for a real rig in real time.
 
     Keys of the meta data: ``simulated`` (bool), ``time`` ("virtual"), ``effects`` and ``change`` (name to text),
-    ``sealed_effects`` (bool).
+    ``faults`` (texts), ``sealed_effects`` (bool).
     """
     words = []
     if meta.get("simulated"):
@@ -137,6 +137,7 @@ def circumstances(meta: Mapping[str, Any]) -> list[str]:
         words.append("VIRTUAL TIME")
     words += [f"effect {name} = {value}" for name, value in meta.get("effects", {}).items()]
     words += [f"changed {name} = {_as_text(value)}" for name, value in meta.get("change", {}).items()]
+    words += [f"fault {one}" for one in meta.get("faults", [])]
     if meta.get("sealed_effects"):
         words.append("sealed effects (not shown)")
     return words

@@ -214,6 +214,7 @@ def test_a_cut_off_run_is_blocked_but_shown(small_run: Path) -> None:
             {"simulated": True, "change": {"sensor_lag": {"left_height": "2 ms"}}},
             "sensor_lag = left_height 2 ms",
         ),
+        ({"simulated": True, "faults": ["leak, side = left"]}, "SIMULATED fault leak, side = left"),
         ({"simulated": True, "sealed_effects": True}, "SIMULATED sealed effects (not shown)"),
     ],
 )

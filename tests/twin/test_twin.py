@@ -229,7 +229,8 @@ def test_an_endurance_plan_ends_with_the_reason_instead_of_a_broken_bellows(tmp_
     assert "leak of a bellows (orifice), left" in why
     made = next(one.number for one in result.checks if one.name == "cycles")
     assert 11 <= made <= 11 + 40, "it is queried every 20 s"
-    assert why in (tmp_path / "endurance" / "report.html").read_text()
+    page = (tmp_path / "endurance" / "report.html").read_text()
+    assert why in page and "fault leak, side = left, area = 0.5 mm2, from 230 s" in page
     assert {phase.name for phase in result.phases} >= {f"look after {made:.0f} cycles"}
 
 
