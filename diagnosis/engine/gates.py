@@ -126,7 +126,8 @@ def merely_rough(gained: float, explained: float, threshold: float, config: Conf
     if not explained or gained >= config.rough**2 * explained + threshold**2:
         return ""
     part = math.sqrt(gained / explained)
-    return f"it is only {percent(part)} as large as the accepted causes; errors of their equations can be as large"
+    share = percent(part)
+    return f"its effect is only {share} of that of the accepted causes; errors of their equations can be as large"
 
 
 def explains_too_little(

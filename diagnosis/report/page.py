@@ -69,7 +69,7 @@ HEADLINES: Final = {
     Verdict.NO_EFFECT: "No error of the model was found",
     Verdict.NAMED: "The cause is found",
     Verdict.REMAINDER: "A cause is found, but it does not explain everything",
-    Verdict.AMBIGUOUS: "More than one cause explains these runs",
+    Verdict.AMBIGUOUS: "Several causes are possible; each explains these runs",
     Verdict.UNRESOLVED: "The model has an error, but no cause passes every test",
     Verdict.UNKNOWN: "The model has an error that no known cause explains",
     Verdict.DOUBTFUL: "Some data are doubtful; the other data show no error of the model",
@@ -439,9 +439,9 @@ def _tests(finding: Finding) -> Iterator[Markup]:
         drawing(drawings.panel_map("panel", finding.panel)),
         caption(
             "Each row is a test, and each column a signal. Orange: the test finds an error; the darker, the clearer. "
-            "Grey: chance can explain the error. Dot: the test does not apply. Most tests examine the error after the "
-            "filter that makes the noise white, and after subtraction of other parts. So their results can differ from "
-            "the figures, which show the error itself."
+            "Grey: chance can explain the error. Dot: the test does not apply. Most tests first filter the error "
+            "so that neighbouring samples of the noise are independent, and subtract what other tests describe. So "
+            "their results can differ from the figures, which show the error itself."
         ),
         table("clearest results | run :u words | typical causes :u words", rows),
         pairs(drawings.panel_figure(f"panel{place}", *one) for place, one in enumerate(drawn)),

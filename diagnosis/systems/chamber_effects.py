@@ -94,7 +94,8 @@ def _leak(
     return Hypothesis(
         name, "leak", title, amplitude, shapes, grid, frozenset({"gas"}), confusers, richer,
         f"{equation}\n{_SYMBOLS}; {symbols}", source, plain=f"the chamber leaks {how}",
-        phenomenon="a leak", separated_by="one discharge from the highest pressure to the lowest",
+        phenomenon="a leak",
+        separated_by="the closed chamber, filled to the highest permitted pressure: the fall of the pressure",
     )  # fmt: skip
 
 

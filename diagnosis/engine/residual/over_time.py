@@ -113,7 +113,7 @@ def drift(residuals: Residuals, c: int) -> Evidence | NotApplicable:
     means = np.divide(sums, counts, out=np.full(blocks, np.nan), where=counts > 0) / channel.scale
     unit, name = channel.display or channel.unit, residuals.partner(c)
     without = f" without the part that depends on {input_name(name)}" if name else ""
-    without = " without a fitted curve over time" if name == "time" else without
+    without = " after subtraction of a smooth curve over time" if name == "time" else without
     return Evidence(
         statistic=value,
         p=bonferroni(p, len(DRIFT_BLOCKS)),
