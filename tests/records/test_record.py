@@ -82,7 +82,7 @@ def test_wrong_questions(tmp_path: Path) -> None:
 def test_missing_foreign_and_damaged_files(tmp_path: Path, passed_run: Path) -> None:
     with refuses(RecordError, "record.parquet"):
         read(tmp_path)
-    with refuses(RecordError, "record.parquet"):
+    with refuses(RecordError, "nowhere"):
         read(tmp_path / "nowhere")
     path = tmp_path / PARQUET
     pq.write_table(pa.table({"time_ns": [1], "signal": ["x"], "value": [1.0]}), path)
