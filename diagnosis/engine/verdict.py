@@ -138,11 +138,8 @@ def _leaving(
     left = residual_bound(problem.select, found.floors)
     if unsure := vague(model, screened.tests, found.accepted, left, found.state.finite):
         beside = f" with a fitted surface ({clear[0].surface.title})" if clear else ""
-        return {
-            unsure[
-                0
-            ]: f"the 95 % interval of its size{beside} contains zero, if errors of the model are included"
-        }
+        why = f"the 95 % interval of its size{beside} contains zero, if errors of the model are included"
+        return {unsure[0]: why}
     owed = owed_to_form(model, found.accepted)
     if owed and clear:  # an unknown term may be the whole form error
         explained, _ = explain(model, clear[0], screened.screening, problem.select)
