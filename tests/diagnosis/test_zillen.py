@@ -237,12 +237,13 @@ def test_the_diagnosis_names_the_seal_and_does_not_claim_that_this_is_all(
     assert [float(n) for n in told] == pytest.approx(
         [gain.rmse_before, gain.rmse_after, gain.floor], abs=0.011
     )
-    (said,) = re.findall(SEALED[seal], PAGE)
+    text = " ".join(PAGE.split())
+    (said,) = re.findall(SEALED[seal], text)
     friction = next(one for one in finding.causes[0].parameters if one.name == "force_at_4_bar")
     known = [friction.value, friction.low, friction.high]
     assert [float(n) for n in said] == pytest.approx(known, abs=0.51 if seal == "NAPN" else 0.11)
     if seal == "PK":
-        (ratios,) = re.findall(r"error falls from ([\d.]+) to ([\d.]+) times the noise \(not", PAGE)
+        (ratios,) = re.findall(r"error falls from ([\d.]+) to ([\d.]+) times the noise \(not", text)
         found = finding.gains[0].noise_ratio_before, finding.gains[0].noise_ratio
         assert [float(n) for n in ratios] == pytest.approx(found, rel=0.02)
 
