@@ -11,9 +11,9 @@ from astb.acceptance.conformance.report import (
     Outcome,
     Report,
     ReportError,
+    common_tests,
     differences,
     read_report,
-    tests_on_both,
 )
 from astb.acceptance.conformance.suite import examine
 from astb.rig_in_memory import RigInMemory
@@ -209,10 +209,10 @@ def test_two_rigs_are_compared(sound, tmp_path):
     path.write_bytes(stand.report.to_json())
     again = read_report(path)
     assert again == stand.report
-    assert not differences(tests_on_both(stand.report, again))
+    assert not differences(common_tests(stand.report, again))
     other = MemoryRig(answers=hasty_codes)
     other.examine()
-    apart = {one.what: one for one in differences(tests_on_both(other.report, again))}
+    apart = {one.what: one for one in differences(common_tests(other.report, again))}
     assert apart["one register of a float"].here == "exception 4"
     assert apart["one register of a float"].there == "exception 3"
     assert "SpringLeft, rate" not in apart

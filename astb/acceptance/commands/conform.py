@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from astb.acceptance.conformance.report import Report, ReportError, differences, read_report, tests_on_both
+from astb.acceptance.conformance.report import Report, ReportError, common_tests, differences, read_report
 from astb.exit_codes import FAIL, PASS, blocked, misuse
 from astb.rig_file import RigFileError, find_rig
 from astb.tables import open_console, open_table, styled
@@ -63,7 +63,7 @@ def conform_command(target: str, other: Path | None, json_path: Path | None, all
     apart: list[Difference] = []
     if there:
         try:
-            pairs = tests_on_both(report, there)
+            pairs = common_tests(report, there)
         except ReportError as error:
             misuse(error)
         apart = differences(pairs)

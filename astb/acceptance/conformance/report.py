@@ -74,7 +74,7 @@ def read_report(path: Path) -> Report:
         ) from None
 
 
-def tests_on_both(here: Report, there: Report) -> list[tuple[Observation, Observation]]:
+def common_tests(here: Report, there: Report) -> list[tuple[Observation, Observation]]:
     """Return the findings of the tests that ran on both rigs, in the order of the suite.
 
     Raises ReportError if there is none, because then nothing is compared.
