@@ -363,4 +363,4 @@ def first_out(readings: Readings) -> str:
     if limit in _SIDE:
         value = "" if np.isnan(steps) else f", at {tripped.show(steps * tripped.step)}"
         return f"{name} {_SIDE[limit]} its {limit.name.lower()} limit{value}"
-    return f"{name} {limit.name.lower() if limit else ''} limit".replace("  ", " ")
+    return f"{name} {limit.name.lower()} limit" if limit else f"{name} limit"
