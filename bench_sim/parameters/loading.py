@@ -117,7 +117,8 @@ def read_entry(name: str, raw: Any, quantity: Quantity) -> Entry:
         low, high = (np.full(quantity.shape, given.si(part)) for part in ("min", "max"))
     except entries.EntryError as error:
         raise ParameterError(str(error)) from None
-    value = shaped(quantity.name, raw["value"], quantity.shape, shown=name) * given.factor
+    with np.errstate(over="ignore"):  # what is too large for SI becomes infinite, which no range contains
+        value = shaped(quantity.name, raw["value"], quantity.shape, shown=name) * given.factor
     entry = Entry(value, low, high, given.unit, given.factor, given.provenance, given.source)
     check_range(name, entry)
     return entry
@@ -157,8 +158,8 @@ def shaped(name: str, value: Any, shape: tuple[int, ...], *, shown: str = "") ->
 
 
 def check_range(name: str, entry: Entry) -> None:
-    """Raise `ParameterError` if an element is outside its range or NaN."""
-    fits = (entry.value >= entry.low) & (entry.value <= entry.high)
+    """Raise `ParameterError` if an element is outside its range, infinite or NaN."""
+    fits = np.isfinite(entry.value) & (entry.value >= entry.low) & (entry.value <= entry.high)
     if fits.all():
         return
     place = tuple(int(i) for i in np.argwhere(~fits)[0])

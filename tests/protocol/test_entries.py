@@ -85,7 +85,7 @@ def test_a_value_is_converted_to_si():
 
 
 #: A number of an entry, with its key.
-_STATED = re.compile(r"\b(value|uncertainty|low|high|expected|tolerance) = (-?[0-9.]+)(?=,)")
+_STATED = re.compile(r"\b(value|uncertainty|low|high|expected|tolerance|min|max) = (-?[0-9.]+)(?=,)")
 #: Every number of the supplied files: kind, file, and place of the number in its text.
 NUMBERS = [
     (kind, path, found.span(2))
@@ -120,6 +120,17 @@ def _check_number(kind, path, place, number, folder):
 @given(st.sampled_from(NUMBERS), _BOTH_SIGNS, _EXTREME | st.floats())
 def test_a_file_with_any_number_is_read_or_refused_by_its_name(tmp_path, entry, sign, number):
     _check_number(*entry, sign * number, tmp_path)
+
+
+@pytest.mark.parametrize("limit", ["10.0", "1.7e308"])
+def test_a_parameter_that_is_too_large_for_si_is_refused(limit, tmp_path):
+    text = FILES["parameters"][2].read_text(encoding="utf-8")
+    line = 'dpv_opening = { value = 1.2, unit = "bar", min = 0.01, max = 10.0,'
+    changed = line.replace("1.2", "1.7e308").replace("10.0", limit)
+    assert line in text
+    (tmp_path / "mine.toml").write_text(text.replace(line, changed), encoding="utf-8")
+    with pytest.raises(ParameterError, match=r"mine\.toml.*dpv_opening"):
+        load(tmp_path / "mine.toml")
 
 
 @pytest.mark.parametrize("number", [-1.0, 0.0, 1e300])
