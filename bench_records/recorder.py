@@ -194,14 +194,6 @@ class Recorder:
             else:
                 self.dropped += 1
 
-    def phase_begins(self, time_ns: int, name: str) -> None:
-        """Record the begin of a named phase. A phase that begins inside another one is one level deeper."""
-        self.event(time_ns, "phase", name, edge="begin")
-
-    def phase_ends(self, time_ns: int, name: str) -> None:
-        """Record the end of the named phase. All open phases inside it end too."""
-        self.event(time_ns, "phase", name, edge="end")
-
     def flush(self) -> None:
         """Pass all stored samples to the operating system."""
         with self._lock:

@@ -242,11 +242,11 @@ def write_run(directory: Path, failing: bool = False, seconds: float = 100.0) ->
     recorder = Recorder(directory, SIGNALS, META, start_ns=start)
     at = lambda seconds: start + round(seconds * 1e9)  # noqa: E731
     for part, begin, end, inner in PHASES:
-        recorder.phase_begins(at(begin), part)
+        recorder.event(at(begin), "phase", part, edge="begin")
         for name, first, last in inner:
-            recorder.phase_begins(at(first), name)
-            recorder.phase_ends(at(last), name)
-        recorder.phase_ends(at(end), part)
+            recorder.event(at(first), "phase", name, edge="begin")
+            recorder.event(at(last), "phase", name, edge="end")
+        recorder.event(at(end), "phase", part, edge="end")
     recorder.event(at(2.0), "state", "INIT \u2192 DISABLED")
     recorder.event(at(8.0), "state", "AIR HIGH \u2192 HOLD", by="plan")
     recorder.event(at(31.0), "state", "HOLD \u2192 ACTIVE", by="plan")

@@ -321,13 +321,13 @@ def test_the_callers_arrays_are_copied(tmp_path: Path) -> None:
 def test_phases_nest_and_end_with_what_encloses_them(tmp_path: Path) -> None:
     second = 1000 * MS
     with Recorder(tmp_path, SIGNALS, start_ns=10 * second) as recorder:
-        recorder.phase_begins(10 * second, "main")
-        recorder.phase_begins(11 * second, "sine")
-        recorder.phase_ends(12 * second, "sine")
-        recorder.phase_begins(12 * second, "left open by an exception")
-        recorder.phase_ends(14 * second, "main")
-        recorder.phase_ends(15 * second, "never begun")
-        recorder.phase_begins(15 * second, "teardown")
+        recorder.event(10 * second, "phase", "main", edge="begin")
+        recorder.event(11 * second, "phase", "sine", edge="begin")
+        recorder.event(12 * second, "phase", "sine", edge="end")
+        recorder.event(12 * second, "phase", "left open by an exception", edge="begin")
+        recorder.event(14 * second, "phase", "main", edge="end")
+        recorder.event(15 * second, "phase", "never begun", edge="end")
+        recorder.event(15 * second, "phase", "teardown", edge="begin")
         recorder.receive([18 * second], [0], [0.0])
     told = [(phase.name, phase.start, phase.end, phase.level) for phase in read(tmp_path).phases]
     assert told == [

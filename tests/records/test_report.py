@@ -254,7 +254,7 @@ def test_texts_of_others_stay_texts(tmp_path: Path) -> None:
     evil = "<script>alert('x')</script> & $a_b$ {{ 7*7 }}"
     signals = [SignalInfo("x", "<b>", 1.0, evil, evil), SignalInfo("s", label=evil, names={0: evil, 1: "ON"})]
     with Recorder(tmp_path, signals, {"plan": evil, evil: evil}, start_ns=0) as recorder:
-        recorder.phase_begins(0, evil)
+        recorder.event(0, "phase", evil, edge="begin")
         recorder.receive([0, 1_000_000_000, 10_000_000_000], [0, 0, 0], [0.0, 1.0, 2.0])
         recorder.receive([0, 10_000_000_000], [1, 1], [0.0, 1.0])
         recorder.event(5_000_000_000, "trip", evil, signal="x", why=evil)

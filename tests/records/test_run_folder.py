@@ -47,8 +47,8 @@ def going_on(tmp_path: Path) -> Iterator[Recorder]:
     recorder = Recorder(
         tmp_path / "run", [SignalInfo("x", "mm", 1e-3)], FACTS, start_ns=0, in_background=False
     )
-    recorder.phase_begins(0, "main")
-    recorder.phase_begins(SECOND, "shake")
+    recorder.event(0, "phase", "main", edge="begin")
+    recorder.event(SECOND, "phase", "shake", edge="begin")
     for one in CHECKS:
         recorder.event(
             2 * SECOND, "check", str(one), verdict=one.verdict.value, whole=msgspec.to_builtins(one)
