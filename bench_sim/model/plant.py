@@ -162,20 +162,6 @@ class Plant:
                 result[f"{name.name.lower()}[{place - name}]"] = float(self._algebraic[place])
         return result | {sensor.name.lower(): float(values[sensor]) for sensor in Sensor}
 
-    def valid(self) -> bool:
-        """Return whether the model is valid in this state: κ₀+κ₁ζ_b > 0, at least half an atmosphere in the bellows,
-        and finite states.
-        """
-        self.ideal()
-        par = self.parameters
-        for side in range(SIDES):
-            zeta = self._algebraic[Algebraic.BELLOWS_VERTICAL + side]
-            if par.membrane_length[side] + par.membrane_length_slope[side] * zeta <= 0.0:
-                return False
-            if self._algebraic[Algebraic.PRESSURE + side] < 0.5 * par.atmospheric_pressure:
-                return False
-        return bool(np.isfinite(self.state).all())
-
     def snapshot(self) -> Snapshot:
         """Return copies of all variables. `restore` sets the variables to exactly these values."""
         return Snapshot(self.state.copy(), self.inputs.copy(), self.memory_array.copy(), self.counter)

@@ -86,17 +86,6 @@ def read_effect_text(name: str, text: Any) -> dict[str, float]:
     return read_effect(name, given)
 
 
-def parse_effect(text: str) -> tuple[str, dict[str, float]]:
-    """Return name and values (SI) of an effect from a text such as ``leak.left=0.2mm2`` or ``maxwell=0.1,time=0.5s``.
-
-    Raises `ParameterError` for an invalid text.
-    """
-    name, equals, values = text.partition("=")
-    if not equals:
-        raise ParameterError(f"effect {text!r} has no amplitude; write it like {_EXAMPLE}")
-    return name.strip(), read_effect_text(name.strip(), values)
-
-
 def show_effect(name: str, values: Mapping[str, float]) -> str:
     """Return values (SI) of the effect ``name`` as a text that `read_effect_text` can read, such as ``0.1, time=0.5
     s``.
