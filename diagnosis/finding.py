@@ -6,7 +6,6 @@ NaN.
 
 from __future__ import annotations
 
-import math
 from enum import StrEnum
 from typing import Final
 
@@ -143,11 +142,6 @@ class Gain(msgspec.Struct, frozen=True, kw_only=True):
     fraction: float | None
     fraction_low: float | None
     fraction_high: float | None
-
-    @property
-    def reduction(self) -> float | None:
-        """The relative reduction of the explainable error (RMS instead of squares): 0.84 for a ``fraction`` of 0.97."""
-        return None if self.fraction is None else 1.0 - math.sqrt(1.0 - min(self.fraction, 1.0))
 
 
 class CheckPrediction(msgspec.Struct, frozen=True, kw_only=True):

@@ -23,15 +23,6 @@ def test_no_share_of_the_error_that_is_gone_exceeds_one(before, after):
     assert left.gained("one") == pytest.approx((before**2 - max(after, 1.0) ** 2) / (before**2 - 1.0))
 
 
-def test_the_reduction_of_the_error_is_that_of_its_root(laboratory):
-    lab = laboratory(samples=400)
-    finding = diagnose(lab.measure(31, {"coulomb": {"amplitude": 3.0}}), lab.simulator, Config(workers=1))
-    (gain,) = (one for one in finding.gains if one.channel == "all")
-    before, after = (np.sqrt(max(r**2 - 1.0, 0.0)) for r in (gain.noise_ratio_before, gain.noise_ratio))
-    assert gain.reduction == pytest.approx(1.0 - after / before, abs=0.02)
-    assert gain.reduction <= gain.fraction <= 1.0
-
-
 def test_a_report_run_that_changes_the_verdict_is_reported(laboratory):
     """A slow sine of the test run alone makes an error there; the validation runs know nothing of it."""
     lab = laboratory(samples=600)
