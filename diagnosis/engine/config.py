@@ -309,10 +309,8 @@ PRIORS_SHOWN: Final = 3
 
 #: Blocks of a run whose means are compared to detect a walk.
 WALK_BLOCKS: Final = 12
-#: Number of ordinates of the periodogram on each side of a line that form its background. With fewer than the least
-#: number there is no test.
-LINE_NEIGHBOURS: Final = 24
-LEAST_LINE_NEIGHBOURS: Final = 4
+#: Half the bandwidth of the test for lines, in ordinates of the periodogram (usual values are 2 to 4).
+TIME_BANDWIDTH: Final = 4
 #: An error is called a line or a walk if this explains at least this share of the excess above the noise.
 MOST_OF_EXCESS: Final = 0.8
 

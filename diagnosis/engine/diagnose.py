@@ -50,7 +50,7 @@ from diagnosis.engine.fitting.fit import FittedModel, fit
 from diagnosis.engine.fitting.predict import Prediction, predict
 from diagnosis.engine.fitting.replay import Replay
 from diagnosis.engine.gain import Comparison, compare, models, shifts
-from diagnosis.engine.gates import not_above
+from diagnosis.engine.gates import not_above, samples_at_rest
 from diagnosis.engine.goodness import Misfit, as_sentence, humming, misfits
 from diagnosis.engine.intervals import intervals
 from diagnosis.engine.memory import give_back, share_heap
@@ -154,7 +154,7 @@ def _finding(
     best, before = best_before(base, after, floors) if extended.effects else (base, after)
     left = remainder(role, base, before, after, extended, [one.effect for one in found.accepted], floors)
     alike = undecided(found, named, hypotheses, left, after, floors)
-    wrong = misfits(data.channels, _errors(role, extended, after), floors, config.alpha)
+    wrong = misfits(data.channels, _errors(role, extended, after), floors, _at_rest(data, base), config.alpha)
     missed, hums = [as_sentence(one, ROLES) for one in wrong], humming(data, config.alpha)
     verdict = verdict_on(final(judgement.verdict, left, len(alike)), data, wrong, hums)
     differing = _differing(judgement.verdict, verdict, (best, extended), data, floors)
@@ -267,6 +267,11 @@ def _errors(
         (one, [(run, run.outputs - outputs) for run, outputs in zip(runs, predicted, strict=True)])
         for one, (runs, predicted) in there.items()
     ]
+
+
+def _at_rest(data: Dataset, base: FittedModel) -> Array:
+    """Return the number (c,) of independent samples at rest from which the noise floor of each channel is known."""
+    return samples_at_rest((*data.of("fit"), *data.of("select")), base.noise)
 
 
 def _panel_aside(base: FittedModel, config: Config) -> Callable[[], list[PanelRow]]:

@@ -172,15 +172,34 @@ def noise_floors(channels: Sequence[Channel], runs: Sequence[MeasuredRun], noise
     """
     floors = []
     for i, (channel, seen) in enumerate(zip(channels, noise.channels, strict=True)):
-        quiet = [_straightened(run.outputs[part, i]) for run in runs for part in rests(run, i)]
+        quiet = _at_rest(runs, i)
         if quiet:
-            left = sum(float(values @ values) for values in quiet)
-            floors.append(math.sqrt(left / sum(_left_by_a_line(seen, len(values)) for values in quiet)))
+            left = sum(float(np.sum(_straightened(values) ** 2)) for values in quiet)
+            floors.append(math.sqrt(left / sum(_left_by_a_line(seen, _places(values)) for values in quiet)))
         elif channel.noise > 0.0:
             floors.append(float(np.hypot(channel.noise, channel.resolution / np.sqrt(12.0))))
         else:
             floors.append(seen.innovation)
     return np.array(floors)
+
+
+def samples_at_rest(runs: Sequence[MeasuredRun], noise: Noise) -> Array:
+    """Return the number (c,) of independent samples at rest from which `noise_floors` estimates each floor.
+
+    It is infinite for a channel without rests. Correlated samples count as fewer (Bartlett, as in `goodness`).
+    """
+    counts = []
+    for i, seen in enumerate(noise.channels):
+        quiet = _at_rest(runs, i)
+        count = sum(int(np.isfinite(values).sum()) - 2 for values in quiet)
+        correlations = seen.correlations(max(map(len, quiet), default=1) - 1)[1:]
+        counts.append(count / (1.0 + 2.0 * float(correlations @ correlations)) if quiet else math.inf)
+    return np.array(counts)
+
+
+def _at_rest(runs: Sequence[MeasuredRun], channel: int) -> list[Array]:
+    """Return the values of one channel in each rest with enough samples; NaN for lost ones."""
+    return [values for run in runs for values in rests(run, channel, LEAST_AT_REST)]
 
 
 def not_above(floors: Array, model: FittedModel, unseen: Prediction | None = None) -> Array:
@@ -198,33 +217,47 @@ def not_above(floors: Array, model: FittedModel, unseen: Prediction | None = Non
     return floors
 
 
-def rests(run: MeasuredRun, channel: int) -> list[slice]:
-    """Return the stretches of one channel at rest that are long enough. The position may differ between the
-    stretches.
+def rests(run: MeasuredRun, channel: int, least: int) -> list[Array]:
+    """Return the values of one channel in each stretch at rest, NaN for lost samples. The position may differ between
+    the stretches. A stretch must have at least ``least`` samples, and more samples than lost ones.
     """
-    still = np.concatenate(([False], run.rest & run.counted[:, channel], [False]))
-    borders = np.flatnonzero(still[1:] != still[:-1]).reshape(-1, 2)
-    return [slice(start, stop) for start, stop in borders.tolist() if stop - start >= LEAST_AT_REST]
+    borders = np.flatnonzero(np.diff(run.rest, prepend=False, append=False)).reshape(-1, 2)
+    values = np.where(run.counted[:, channel], run.outputs[:, channel], np.nan)
+    found = [values[start:stop] for start, stop in borders.tolist()]
+    return [one for one in found if np.isfinite(one).sum() >= max(least, 0.5 * len(one))]
 
 
 def _straightened(values: Array) -> Array:
-    """Return values (n,) minus a fitted line, because gas still warms up and rubber still creeps at rest."""
-    time = np.linspace(-1.0, 1.0, len(values))
-    slope = time @ values / (time @ time)
-    return values - values.mean() - slope * time
+    """Return the samples of a rest minus a fitted line, because gas still warms up and rubber still creeps."""
+    left = values[np.isfinite(values)]
+    for direction in _line(_places(values)):
+        left = left - direction @ left * direction
+    return left
+
+
+def _places(values: Array) -> tuple[int, ...]:
+    """Return the places of the samples that were not lost."""
+    return tuple(np.flatnonzero(np.isfinite(values)).tolist())
+
+
+def _line(places: tuple[int, ...]) -> tuple[Array, Array]:
+    """Return a constant and a slope (m,) at these places, orthonormal."""
+    slope = np.array(places) - np.mean(places)
+    return np.full(len(places), len(places) ** -0.5), slope / np.sqrt(slope @ slope)
 
 
 @lru_cache(maxsize=256)
-def _left_by_a_line(noise: ChannelNoise, count: int) -> float:
-    """Return the mean sum of squares of ``count`` samples of noise with power 1, after a fitted line is subtracted."""
-    time = np.linspace(-1.0, 1.0, count)
-    time /= np.sqrt(time @ time)
-    correlations = noise.correlations(count - 1)
+def _left_by_a_line(noise: ChannelNoise, places: tuple[int, ...]) -> float:
+    """Return the mean sum of squares of noise with power 1 at these places, after a fitted line is subtracted."""
+    length = places[-1] + 1
+    correlations = noise.correlations(length - 1)
     taken = 0.0
-    for direction in (np.full(count, count**-0.5), time):
-        overlap = [float(direction[: count - k] @ direction[k:]) for k in range(len(correlations))]
+    for part in _line(places):
+        direction = np.zeros(length)
+        direction[list(places)] = part
+        overlap = [float(direction[: length - k] @ direction[k:]) for k in range(len(correlations))]
         taken += float(2.0 * correlations @ overlap) - overlap[0]
-    return count - taken
+    return len(places) - taken
 
 
 def _mean_square(runs: Sequence[MeasuredRun], outputs: Sequence[Array], channel: int) -> float:

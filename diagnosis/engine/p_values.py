@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from scipy.special import chdtrc, stdtr
+import math
+
+from scipy.special import chdtrc, fdtrc, stdtr
 
 
 def p_of_chi2(value: float, freedom: int) -> float:
@@ -13,6 +15,16 @@ def p_of_chi2(value: float, freedom: int) -> float:
 def p_of_t(value: float, freedom: int) -> float:
     """Return the two-sided p-value of Student's t: the probability of |t| ≥ |``value``| by chance."""
     return float(2.0 * stdtr(freedom, -abs(value)))
+
+
+def p_of_variances(ratio: float, freedom: float, reference: float) -> float:
+    """Return the probability of an F ratio of at least ``ratio`` of two variances with these degrees of freedom.
+
+    The ``reference`` variance may be known exactly, with infinitely many.
+    """
+    if math.isinf(reference):
+        return float(chdtrc(freedom, ratio * freedom))
+    return float(fdtrc(freedom, reference, ratio))
 
 
 def bonferroni(p: float, looks: int) -> float:

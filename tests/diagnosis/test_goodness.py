@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 
 from astb_studies.oscillator import Laboratory
 from diagnosis.contracts import Channel, Dataset, Experiment, MeasuredRun
@@ -37,10 +38,9 @@ def measured(values, *, rest=False):
     )
 
 
-def found(values, alpha=0.003):
-    return misfits(
-        (Channel("force", "N", 1.0),), [("report", [(measured(values), values[:, None])])], np.ones(1), alpha
-    )
+def found(values, alpha=0.003, *, floor=1.0, at_rest=np.inf):
+    errors = [("report", [(measured(values), values[:, None])])]
+    return misfits((Channel("force", "N", 1.0),), errors, np.array([floor]), np.array([at_rest]), alpha)
 
 
 @pytest.mark.parametrize(("kind", "told"), [("sine", "a sine of 4.9"), ("walk", "drift")])
@@ -62,13 +62,56 @@ def test_sound_errors_are_found_at_the_stated_rate(ar1):
     assert sum(bool(found(series(seed, "white", 1.0))) for seed in seeds) <= 1
 
 
-def test_p_values_of_line_and_whiteness_are_uniform_in_white_noise():
+@pytest.mark.parametrize("samples", [60, 250, 1000])
+@pytest.mark.parametrize("lost", [0.0, 0.1])
+@pytest.mark.parametrize("colour", [0.0, 0.6, 0.9, 0.98])
+def test_noise_of_any_colour_has_no_more_lines_than_the_test_states(ar1, samples, lost, colour):
     rng = np.random.default_rng(3)
-    noise = rng.standard_normal((300, 1000))
-    lines = np.array([strongest_line(one, 0.01).p for one in noise])
-    memory = np.array([ljung_box(one) for one in noise])
-    for p in (lines, memory):
-        assert np.mean(p < 0.05) == pytest.approx(0.05, abs=0.03)
+
+    def noise():
+        return np.where(rng.random(samples) < lost, np.nan, ar1(rng, samples, colour))
+
+    lines = np.array([strongest_line(noise(), 0.01).p for _ in range(600)])
+    for level in (0.05, 0.005):
+        assert np.sum(lines < level) <= binom.ppf(0.999, 600, level)
+
+
+def test_a_noise_that_is_estimated_from_few_samples_makes_no_misfit(ar1):
+    """The noise of fifty samples at rest is too small by a fifth in one of forty cases."""
+    errors = [ar1(np.random.default_rng(seed), SAMPLES, 0.3) for seed in range(20)]
+    assert not any(found(1.25 * one, at_rest=50) for one in errors)
+    assert all(found(1.25 * one, at_rest=2000) for one in errors)
+
+
+@pytest.mark.parametrize("size", [1.5, 6.0])
+@pytest.mark.parametrize("lost", [0.0, 0.1])
+@pytest.mark.parametrize("colour", [0.0, 0.9])
+@pytest.mark.parametrize("frequency", [3.0, 3.31, 17.77])
+def test_a_line_is_found_with_frequency_and_power(ar1, colour, lost, size, frequency):
+    """Also one between two ordinates of the periodogram, and with lost samples."""
+    rng = np.random.default_rng(3)
+    values = ar1(rng, SAMPLES, colour) + size * np.sin(2.0 * np.pi * frequency * 0.01 * np.arange(SAMPLES))
+    values[rng.random(SAMPLES) < lost] = np.nan
+    line = strongest_line(values, 0.01)
+    assert line.p < 1e-3
+    assert line.frequency == pytest.approx(frequency, abs=0.02)
+    assert line.part == pytest.approx(size**2 / (size**2 + 2.0), abs=0.08)
+
+
+def test_p_values_of_whiteness_are_uniform_in_white_noise():
+    rng = np.random.default_rng(3)
+    memory = np.array([ljung_box(one) for one in rng.standard_normal((300, 1000))])
+    assert np.mean(memory < 0.05) == pytest.approx(0.05, abs=0.03)
+
+
+@pytest.mark.parametrize("colour", [0.6, 0.9, 0.98])
+def test_coloured_noise_at_rest_is_no_hum(ar1, colour):
+    """Twenty rests of two seconds, each of a new sensor."""
+    rng = np.random.default_rng(7)
+    cells = tuple(Channel(f"load_cell.{i}", "N", 20.0) for i in range(20))
+    rests = [20.0 * np.column_stack([ar1(rng, 200, colour) for _ in cells]) for _ in range(3)]
+    runs = tuple(replace(measured(one[:, 0], rest=True), outputs=one) for one in rests)
+    assert humming(Dataset(cells, runs), 0.003) == []
 
 
 def test_a_sensor_that_hums_at_rest_is_in_doubt():
@@ -138,7 +181,8 @@ def test_a_hum_at_rest_makes_no_effect_doubtful():
 
     finding = diagnose(with_force(replace(data, runs=quiet), hum), lab.simulator, Config(workers=1))
     assert finding.verdict in {Verdict.DOUBTFUL, Verdict.UNRESOLVED}
-    assert any(one.startswith("force shows a sine of 6") for one in finding.doubts)
+    (doubt,) = (one for one in finding.doubts if one.startswith("force shows a sine"))
+    assert float(re.search(r" ([\d.]+) N", doubt)[1]) == pytest.approx(6.0, rel=0.02)
 
 
 @pytest.mark.parametrize("samples", [80, 81, 95, 110, 400])

@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 from diagnosis.contracts import Channel, Experiment, MeasuredRun
 from diagnosis.engine.columns import columns_of, packing_of
 from diagnosis.engine.config import AR_ORDER
-from diagnosis.engine.gates import noise_floors
+from diagnosis.engine.gates import noise_floors, samples_at_rest
 from diagnosis.engine.noise import ChannelNoise, Noise, estimate, white
 from diagnosis.engine.whitening import filter_of
 
@@ -173,17 +173,21 @@ def test_correlations_extend_to_their_decay(noise):
     assert len(noise.correlations(7)) <= 8
 
 
+@pytest.mark.parametrize("lost", [0.0, 0.1, 0.4])
 @pytest.mark.parametrize("colour", [0.0, 0.6, 0.9, 0.99])
-def test_a_floor_is_the_power_of_the_noise_however_much_of_it_a_line_takes(colour):
-    """Of AR(0.99), a line through half a second at rest takes nine tenths of the power."""
+def test_a_floor_is_the_power_of_the_noise_however_much_of_it_a_line_takes(colour, lost):
+    """Of AR(0.99), a line through half a second at rest takes nine tenths of the power. Lost samples do not matter."""
     deviation, run = 2.0, []
     rng = np.random.default_rng(11)
     for k in range(60):
         drawn = rng.standard_normal(1100) * deviation * np.sqrt(1.0 - colour**2)
         values = lfilter([1.0], [1.0, -colour], drawn)[1000:, np.newaxis] + 5.0 * k
+        values[rng.random(100) < lost] = np.nan
         time = 5e-3 * np.arange(100)
         run.append(MeasuredRun(Experiment(f"{k}", time, {}), values, time >= 0.0, time >= 0.0))
     channel = Channel("force", "N", noise=1.0)
     noise = Noise((ar1(colour, deviation) if colour else ChannelNoise((deviation**2,)),))
     (floor,) = noise_floors((channel,), run, noise)
     assert floor == pytest.approx(deviation, rel=0.08)
+    assert samples_at_rest(run, noise)[0] <= 60 * 98
+    assert samples_at_rest([], noise)[0] == np.inf
