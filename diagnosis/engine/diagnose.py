@@ -154,7 +154,9 @@ def _finding(
     best, before = best_before(base, after, floors) if extended.effects else (base, after)
     left = remainder(role, base, before, after, extended, [one.effect for one in found.accepted], floors)
     alike = undecided(found, named, hypotheses, left, after, floors)
-    wrong = misfits(data.channels, _errors(role, extended, after), floors, _at_rest(data, base), config.alpha)
+    wrong = misfits(
+        data.channels, _errors(role, extended, after), floors, _independent_at_rest(data, base), config.alpha
+    )
     missed, hums = [as_sentence(one, ROLES) for one in wrong], humming(data, config.alpha)
     verdict = verdict_on(final(judgement.verdict, left, len(alike)), data, wrong, hums)
     differing = _differing(judgement.verdict, verdict, (best, extended), data, floors)
@@ -269,7 +271,7 @@ def _errors(
     ]
 
 
-def _at_rest(data: Dataset, base: FittedModel) -> Array:
+def _independent_at_rest(data: Dataset, base: FittedModel) -> Array:
     """Return the number (c,) of independent samples at rest from which the noise floor of each channel is known."""
     return samples_at_rest((*data.of("fit"), *data.of("select")), base.noise)
 

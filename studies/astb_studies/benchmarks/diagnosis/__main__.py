@@ -23,8 +23,8 @@ from astb_studies.benchmarks.diagnosis.campaign import (
 from astb_studies.benchmarks.diagnosis.ground_truth import NOISES
 from astb_studies.benchmarks.diagnosis.judge import Judged
 
-#: Added to every seed of the page: no rule was chosen by these oscillators.
-SYSTEMS: Final = {"oscillator": 41_000_000, "bench": 0}
+#: Added to every seed of the page: no rule was chosen by these cases.
+SYSTEMS: Final = {"oscillator": 41_000_000, "bench": 16_000_000}
 #: So many of an oscillator's cases are cheap.
 CHEAP: Final = 800
 NULLS: Final = 500
@@ -51,7 +51,7 @@ def planned_cases(system: str, count: int, white: int, coloured: int, of_another
 
 
 @click.command()
-@click.option("--cases", "count", default=600, show_default=True, help="Sealed cases on the bench.")
+@click.option("--cases", "count", default=300, show_default=True, help="Sealed cases on the bench.")
 @click.option("--small", default=CHEAP, show_default=True, help="Cases on the oscillator.")
 @click.option("--systems", default=",".join(SYSTEMS), show_default=True, help="Which are counted.")
 @click.option("--processes", default=2, show_default=True)
