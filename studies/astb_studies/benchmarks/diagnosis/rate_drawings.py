@@ -46,8 +46,8 @@ def confusion(path: Path, judged: Sequence[Judged]) -> None:
         for i, j in zip(*np.nonzero(shares), strict=True):
             colour = "white" if shares[i, j] > 0.55 else INK
             axes.text(j, i, f"{100 * shares[i, j]:.0f}", ha="center", va="center", color=colour, fontsize=6.5)
-        axes.set_xlabel("said first, % of the row")
-        axes.set_ylabel("hidden (cases)")
+        axes.set_xlabel("first cause of the finding, % of the row")
+        axes.set_ylabel("hidden effect (cases)")
         save(figure, path)
 
 
@@ -60,8 +60,8 @@ def power(path: Path, judged: Sequence[Judged]) -> None:
         figure = Figure(figsize=(6.4, 3.4), layout="constrained")
         axes = figure.subplots()
         series = (
-            ("seen", lambda j: j.detected, "o", PALETTE[4]),
-            ("in what is reported", lambda j: j.reported, "s", PALETTE[2]),
+            ("detected", lambda j: j.detected, "o", PALETTE[4]),
+            ("reported", lambda j: j.reported, "s", PALETTE[2]),
             ("named exactly", lambda j: j.exact, "D", PALETTE[0]),
         )
         for k, (label, hit, marker, colour) in enumerate(series):
@@ -88,8 +88,8 @@ def power(path: Path, judged: Sequence[Judged]) -> None:
         axes.set_xscale("log")
         axes.set_xticks(LAMBDA_TICKS, [f"{one:g}" for one in LAMBDA_TICKS])
         axes.set_xticks((), minor=True)
-        axes.set_xlabel("λ of what is hidden")
-        axes.set_ylabel("part of the cases, with 95 % interval")
+        axes.set_xlabel("λ of the hidden effect")
+        axes.set_ylabel("share of the cases, with 95 % interval")
         axes.set_ylim(-0.03, 1.03)
         axes.legend(frameon=False, loc="lower right", labelcolor=SOFT)
         save(figure, path)
@@ -125,8 +125,8 @@ def reliability(path: Path, judged: Sequence[Judged]) -> None:
                     elinewidth=0.8,
                     capsize=2,
                 )
-        axes.set_xlabel("promised")
-        axes.set_ylabel("held")
+        axes.set_xlabel("level of the interval")
+        axes.set_ylabel("share of intervals that contain the truth")
         axes.legend(frameon=False, loc="lower right", labelcolor=SOFT)
         save(figure, path)
 
