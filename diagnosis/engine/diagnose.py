@@ -37,7 +37,6 @@ from diagnosis.contracts import (
     Experiment,
     Hypothesis,
     MeasuredRun,
-    Role,
     Simulator,
 )
 from diagnosis.engine.base_model import without_effects
@@ -154,9 +153,7 @@ def _finding(
     best, before = best_before(base, after, floors) if extended.effects else (base, after)
     left = remainder(role, base, before, after, extended, [one.effect for one in found.accepted], floors)
     alike = undecided(found, named, hypotheses, left, after, floors)
-    wrong = misfits(
-        data.channels, _errors(role, extended, after), floors, _independent_at_rest(data, base), config.alpha
-    )
+    wrong = _misfits(data, base, extended, after, floors, config.alpha)
     missed, hums = [as_sentence(one, ROLES) for one in wrong], humming(data, config.alpha)
     verdict = verdict_on(final(judgement.verdict, left, len(alike)), data, wrong, hums)
     differing = _differing(judgement.verdict, verdict, (best, extended), data, floors)
@@ -258,22 +255,20 @@ def _differing(
     )
 
 
-def _errors(
-    role: Role, model: FittedModel, after: Prediction
-) -> list[tuple[Role, list[tuple[MeasuredRun, Array]]]]:
-    """Return the residuals of a model on its fit runs, and of the prediction ``after`` on its runs, each with
-    the role.
-    """
-    there = {"fit": (model.replay.runs, model.predictions), role: (after.replay.runs, after.outputs)}
-    return [
+def _misfits(
+    data: Dataset, base: FittedModel, model: FittedModel, after: Prediction, floors: Array, alpha: float
+) -> list[Misfit]:
+    """Return the misfits of a model on its fit runs, and of its prediction ``after`` on the runs that are held back."""
+    there = {
+        "fit": (model.replay.runs, model.predictions),
+        held_back(data)[0]: (after.replay.runs, after.outputs),
+    }
+    errors = [
         (one, [(run, run.outputs - outputs) for run, outputs in zip(runs, predicted, strict=True)])
         for one, (runs, predicted) in there.items()
     ]
-
-
-def _independent_at_rest(data: Dataset, base: FittedModel) -> Array:
-    """Return the number (c,) of independent samples at rest from which the noise floor of each channel is known."""
-    return samples_at_rest((*data.of("fit"), *data.of("select")), base.noise)
+    at_rest = samples_at_rest((*data.of("fit"), *data.of("select")), base.noise)
+    return misfits(data.channels, errors, floors, at_rest, alpha)
 
 
 def _panel_aside(base: FittedModel, config: Config) -> Callable[[], list[PanelRow]]:

@@ -57,11 +57,12 @@ class Misfit(NamedTuple):
 
 
 class Line(NamedTuple):
-    """A sine in a series: ``frequency`` in Hz, ``part`` of the power, and the probability ``p`` of an equally clear
-    line by chance.
+    """A sine in a series: ``frequency`` in Hz, ``amplitude``, ``part`` of the power, and the probability ``p`` of an
+    equally clear line by chance.
     """
 
     frequency: float
+    amplitude: float
     part: float
     p: float
 
@@ -156,13 +157,13 @@ def strongest_line(values: Array, step: float) -> Line:
     """
     n, seen = len(values), np.isfinite(values)
     if seen.sum() < LEAST_OF_A_SINE:
-        return Line(0.0, 0.0, 1.0)
+        return Line(0.0, 0.0, 0.0, 1.0)
     time = np.linspace(-1.0, 1.0, n)
     drift = np.polynomial.Polynomial.fit(time[seen], values[seen], 2)(time)
     left = np.where(seen, values - drift, 0.0)
     power = float(left @ left) / seen.sum()
     if not power > 0.0:
-        return Line(0.0, 0.0, 1.0)
+        return Line(0.0, 0.0, 0.0, 1.0)
     tapers = _tapers(n) * seen
     freedom = 2 * len(tapers) - 2
     gains = tapers.sum(axis=1)
@@ -185,7 +186,8 @@ def strongest_line(values: Array, step: float) -> Line:
     ratio, half = at(frequency)
     # The search between the ordinates finds about three times as many lines by chance as the ordinates alone.
     p = bonferroni(p_of_variances(float(ratio), 2, freedom), 3 * len(ratios))
-    return Line(frequency / step, min(1.0, 2.0 * float(np.abs(half)) ** 2 / power), p)
+    amplitude = 2.0 * float(np.abs(half))
+    return Line(frequency / step, amplitude, min(1.0, 0.5 * amplitude**2 / power), p)
 
 
 @lru_cache(maxsize=16)
@@ -214,15 +216,15 @@ def humming(data: Dataset, alpha: float) -> list[str]:
         ]
         lines = [(strongest_line(values, step), values, step) for values, step in parts]
         clear = [
-            (line, np.nanstd(values))
+            line
             for line, values, step in lines
             if bonferroni(line.p, len(parts) * len(data.channels)) < alpha
             and line.part > 0.5
             and _lasts(values, step, line.frequency)
         ]
         if clear:
-            line, deviation = max(clear, key=lambda one: one[0].part * one[1] ** 2)
-            size = deviation * np.sqrt(2.0 * line.part) / channel.scale
+            line = max(clear, key=lambda one: one.amplitude)
+            size = line.amplitude / channel.scale
             unit = channel.display or channel.unit
             sentences.append(
                 f"{channel.name} shows a sine of {size:.3g} {unit} and {line.frequency:.3g} Hz while the rig is at "
