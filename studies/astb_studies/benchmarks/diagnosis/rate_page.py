@@ -88,8 +88,8 @@ seeds that begin at 16 000 000. No rule was chosen by these cases, with one exce
 faults, false sines in coloured noise and noise floors that were too low if frames were lost. Both were corrected before
 this count. 150 oscillators at random were then counted again: no finding changed.
 
-A screening ends without a finding if it shows itself that the zero of a pressure sensor is wrong. No rate includes
-these cases; the list of failures at the end does.
+If the screening plan refuses a wrong zero of a pressure sensor, there is no diagnosis. No rate includes these cases.
+They are in the list of failures.
 
 λ and its part beyond the next of kin come from a table of an earlier version, so that the same cases are drawn.
 `make benchmark-diagnosis` counts the requested cases that the folder `counted` lacks. `ARGS=--again` counts all cases
