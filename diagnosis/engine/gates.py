@@ -39,6 +39,7 @@ from diagnosis.engine.fitting.fit import FittedModel
 from diagnosis.engine.fitting.point import Coordinate
 from diagnosis.engine.fitting.predict import Prediction
 from diagnosis.engine.noise import ChannelNoise, Noise
+from diagnosis.engine.p_values import independent_samples
 from diagnosis.engine.whitening import filters
 from diagnosis.estimates import percent
 
@@ -186,14 +187,14 @@ def noise_floors(channels: Sequence[Channel], runs: Sequence[MeasuredRun], noise
 def samples_at_rest(runs: Sequence[MeasuredRun], noise: Noise) -> Array:
     """Return the number (c,) of independent samples at rest from which `noise_floors` estimates each floor.
 
-    It is infinite for a channel without rests. Correlated samples count as fewer (Bartlett, as in `goodness`).
+    It is infinite for a channel without rests. Correlated samples count as fewer.
     """
     counts = []
     for i, seen in enumerate(noise.channels):
         quiet = _at_rest(runs, i)
         count = sum(int(np.isfinite(values).sum()) - 2 for values in quiet)
         correlations = seen.correlations(max(map(len, quiet), default=1) - 1)[1:]
-        counts.append(count / (1.0 + 2.0 * float(correlations @ correlations)) if quiet else math.inf)
+        counts.append(independent_samples(count, correlations) if quiet else math.inf)
     return np.array(counts)
 
 
@@ -219,7 +220,7 @@ def not_above(floors: Array, model: FittedModel, unseen: Prediction | None = Non
 
 def rests(run: MeasuredRun, channel: int, least: int) -> list[Array]:
     """Return the values of one channel in each stretch at rest, NaN for lost samples. The position may differ between
-    the stretches. A stretch must have at least ``least`` samples, and more samples than lost ones.
+    the stretches. A stretch must have at least ``least`` samples, and at least as many samples as lost ones.
     """
     borders = np.flatnonzero(np.diff(run.rest, prepend=False, append=False)).reshape(-1, 2)
     values = np.where(run.counted[:, channel], run.outputs[:, channel], np.nan)

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.signal import windows
-from scipy.stats import chi2, false_discovery_control
+from scipy.stats import false_discovery_control
 
 from diagnosis.contracts import Array, Channel, Dataset, MeasuredRun, Role
 from diagnosis.engine.config import (
@@ -43,7 +43,7 @@ from diagnosis.engine.config import (
     WALK_BLOCKS,
 )
 from diagnosis.engine.gates import rests
-from diagnosis.engine.p_values import bonferroni, p_of_variances
+from diagnosis.engine.p_values import bonferroni, independent_samples, p_of_chi2, p_of_variances
 
 
 class Misfit(NamedTuple):
@@ -109,7 +109,7 @@ def _misfit(
     known = [values[np.isfinite(values)] for values, _ in series]
     n = sum(map(len, known))
     square = sum(float(values @ values) for values in known) / n
-    independent = sum(len(values) / (1.0 + 2.0 * np.sum(_correlations(values) ** 2)) for values in known)
+    independent = sum(independent_samples(len(values), _correlations(values)) for values in known)
     p = p_of_variances(square / (FLOOR_SLACK * floor**2), independent, at_rest)
     ratio = float(np.sqrt(square)) / floor
     return Misfit(channel, role, ratio, p, _kind(series, floor, ratio))
@@ -135,7 +135,7 @@ def _kind(series: Sequence[tuple[Array, float]], floor: float, ratio: float) -> 
 def ljung_box(values: Array) -> float:
     """Return the p-value of Ljung and Box's test of whiteness."""
     n, lags = len(values), np.arange(1, LJUNG_BOX_LAGS + 1)
-    return float(chi2.sf(n * (n + 2.0) * np.sum(_correlations(values) ** 2 / (n - lags)), len(lags)))
+    return p_of_chi2(n * (n + 2.0) * np.sum(_correlations(values) ** 2 / (n - lags)), len(lags))
 
 
 def _correlations(values: Array) -> Array:
@@ -203,7 +203,7 @@ def _lasts(values: Array, step: float, frequency: float) -> bool:
     half = len(values) // 2
     phase = np.exp(-2j * np.pi * frequency * step * np.arange(half))
     left = np.nan_to_num(values - np.nanmean(values))
-    first, second = (abs(phase @ part) for part in (left[:half], left[half : 2 * half]))
+    first, second = (abs(phase @ (part - part.mean())) for part in (left[:half], left[half : 2 * half]))
     return bool(min(first, second) > MOST_OF_EXCESS * max(first, second))
 
 

@@ -6,8 +6,10 @@ import math
 
 from scipy.special import chdtrc, fdtrc, stdtr
 
+from diagnosis.contracts import Array
 
-def p_of_chi2(value: float, freedom: int) -> float:
+
+def p_of_chi2(value: float, freedom: float) -> float:
     """Return the probability of χ² ≥ ``value``."""
     return float(chdtrc(freedom, max(value, 0.0))) if freedom > 0 else 1.0
 
@@ -23,8 +25,15 @@ def p_of_variances(ratio: float, freedom: float, reference: float) -> float:
     The ``reference`` variance may be known exactly, with infinitely many.
     """
     if math.isinf(reference):
-        return float(chdtrc(freedom, ratio * freedom))
+        return p_of_chi2(ratio * freedom, freedom)
     return float(fdtrc(freedom, reference, ratio))
+
+
+def independent_samples(count: int, correlations: Array) -> float:
+    """Return the number of independent samples with the same information on a variance as ``count`` samples with these
+    autocorrelations from lag 1 on (Bartlett).
+    """
+    return count / (1.0 + 2.0 * float(correlations @ correlations))
 
 
 def bonferroni(p: float, looks: int) -> float:

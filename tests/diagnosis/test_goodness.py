@@ -98,10 +98,13 @@ def test_a_line_is_found_with_frequency_and_power(ar1, colour, lost, size, frequ
     assert line.part == pytest.approx(size**2 / (size**2 + 2.0), abs=0.08)
 
 
-def test_p_values_of_whiteness_are_uniform_in_white_noise():
+def test_p_values_of_line_and_whiteness_are_uniform_in_white_noise():
     rng = np.random.default_rng(3)
-    memory = np.array([ljung_box(one) for one in rng.standard_normal((300, 1000))])
-    assert np.mean(memory < 0.05) == pytest.approx(0.05, abs=0.03)
+    noise = rng.standard_normal((300, 1000))
+    lines = np.array([strongest_line(one, 0.01).p for one in noise])
+    memory = np.array([ljung_box(one) for one in noise])
+    for p in (lines, memory):
+        assert np.mean(p < 0.05) == pytest.approx(0.05, abs=0.03)
 
 
 @pytest.mark.parametrize("colour", [0.6, 0.9, 0.98])
