@@ -36,6 +36,10 @@ def test_the_empty_bench_lies_on_its_emergency_springs(parameters, load_case):
     assert truth["contact[0]"] > 0.0
     assert truth["left_bellows_pressure"] == pytest.approx(0.0, abs=1.0)
     assert sum(truth[f"load_cell_{k}"] for k in range(1, 5)) == pytest.approx(WEIGHT, rel=1e-6)
+    for side, (length, slope) in enumerate(
+        zip(plant.parameters.membrane_length, plant.parameters.membrane_length_slope, strict=True)
+    ):
+        assert length + slope * truth[f"bellows_vertical[{side}]"] > 0.0
 
 
 def excited(resting):
